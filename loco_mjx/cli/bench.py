@@ -1,0 +1,94 @@
+"""`loco-mjx bench`: measures the speed of one part of the program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import tyro
+
+from loco_mjx.cli.output import one_object
+from loco_mjx.cli.parse import parse
+from loco_mjx.errors import UserError
+
+PROG = "loco-mjx bench"
+NUM_ENVS = 256
+
+
+@dataclass(frozen=True)
+class Options:
+    """Measures frames, physics steps, control steps or samples per second.
+
+    Depth and physics are measured beside their peer: C MuJoCo on the same scenes with as many threads.
+    """
+
+    part: tyro.conf.Positional[Literal["depth", "physics", "env", "train"]]
+    """What to measure."""
+    task: str = "thin"
+    """In which task's scenes."""
+    policy: str = "loco-transformer"
+    """For train, and for env, where it decides whether depth is rendered."""
+    num_envs: int | None = None
+    """Environments side by side; None: 256."""
+    seconds: float = 5.0
+    """To measure for, at least, beside the compilation."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
+
+
+def main(args: Sequence[str]) -> int:
+    """Runs the command.
+
+    Raises:
+        UserError: if a name is unknown or sizes do not divide.
+    """
+    options = parse(Options, args, PROG)
+    if options.num_envs is not None and options.num_envs < 1:
+        raise UserError(f"num-envs is {options.num_envs}; accepted: 1 or more")
+    with one_object(options.json) as show:
+        from loco_mjx.run import about, machine
+        from loco_mjx.scene.tasks import get_task
+
+        get_task(options.task)
+        machine.set_up(machine.shards(options.num_envs or NUM_ENVS))
+        result = measure(options)
+        result |= {"devices": about.devices(), "versions": about.versions()}
+        show(result, table(result))
+    return 0
+
+
+def measure(options: Options) -> dict[str, Any]:
+    """The figures of one part."""
+    num_envs = options.num_envs or NUM_ENVS
+    about = {"bench": options.part, "task": options.task, "num_envs": num_envs}
+    if options.part == "depth":
+        from loco_mjx.depth.bench import bench_depth
+
+        return about | bench_depth(options.task, num_envs, options.seconds)
+    if options.part == "physics":
+        from loco_mjx.physics.bench import bench_physics
+
+        return about | bench_physics(options.task, num_envs, options.seconds)
+    from loco_mjx.run import bench
+
+    run = bench.bench_env if options.part == "env" else bench.bench_train
+    return about | run(bench.bench_config(options.task, options.policy, num_envs), options.seconds)
+
+
+def table(result: dict[str, Any]) -> Any:
+    """The figures as people read them."""
+    from rich.table import Table
+
+    table = Table(title=f"{result['bench']} on {result['task']}", title_justify="left", show_header=False)
+    for name, value in result.items():
+        if isinstance(value, dict):
+            value = ", ".join(f"{key} {_short(part)}" for key, part in value.items())
+        table.add_row(name, _short(value))
+    return table
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+    return str(value)

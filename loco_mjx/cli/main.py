@@ -1,0 +1,71 @@
+"""The `loco-mjx` command: finds the verb, hands over the rest, turns mistakes into one line and exit code 2.
+
+A new verb is one file ``loco_mjx/cli/<verb>.py`` with a function ``main(args)`` and one line in ``VERBS``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from loco_mjx.errors import UnknownNameError, UserError
+
+VERBS: dict[str, str] = {
+    "train": "train a policy on a task; the same command again resumes",
+    "evaluate": "run a trained policy for episodes on any task and report the metrics",
+    "bench": "measure the speed of depth, physics, the environment or training",
+    "scene": "write a generated scene as MJCF and as a picture",
+}
+USAGE_ERROR = 2
+INTERRUPTED = 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command.
+
+    Args:
+        argv: the words after `loco-mjx`; None takes them from the command line.
+
+    Returns:
+        The exit code: 0; 2 for a mistake in what was asked; 130 if stopped by Ctrl-C.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _run(words)
+    except UserError as error:
+        print("loco-mjx: " + " ".join(str(error).split()), file=sys.stderr)
+        return USAGE_ERROR
+    except BrokenPipeError:  # whoever read our output has gone, e.g. `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return INTERRUPTED
+    except KeyboardInterrupt:
+        print("loco-mjx: stopped", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _run(words: list[str]) -> int:
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(_usage())
+        return 0
+    if words[0] == "--version":
+        from loco_mjx import __version__
+
+        print(__version__)
+        return 0
+    verb, rest = words[0], words[1:]
+    if verb not in VERBS:
+        raise UnknownNameError("command", verb, VERBS)
+    code = importlib.import_module(f"loco_mjx.cli.{verb}").main(rest)
+    return code or 0
+
+
+def _usage() -> str:
+    width = max(map(len, VERBS))
+    verbs = "\n".join(f"  {verb:<{width}}  {summary}" for verb, summary in VERBS.items())
+    return f"usage: loco-mjx COMMAND [options]\n\n{verbs}\n\nloco-mjx COMMAND --help lists a command's options."
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,257 @@
+"""The whole configuration as one tree of frozen dataclasses; the defaults are the paper's.
+
+Every key is read somewhere, every key appears in the ``config.json`` a run writes before its first step.
+Section numbers refer to the LocoTransformer paper's appendix where a default comes from there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from loco_mjx import a1
+from loco_mjx.errors import UnknownNameError, UserError
+
+
+@dataclass(frozen=True)
+class ActionConfig:
+    """How a policy's output becomes joint targets: default pose + scale · tanh(a)."""
+
+    scale: tuple[float, float, float] = (0.5, 0.5, 0.5)  # rad, for hip, thigh, calf
+    diagonal: bool = False  # 6-D: (FR, RL) share three, (FL, RR) share three
+
+    @property
+    def size(self) -> int:
+        """Dimension of the policy's action."""
+        return 6 if self.diagonal else 12
+
+
+@dataclass(frozen=True)
+class DepthConfig:
+    """The depth camera: planar depth along the optical axis."""
+
+    enabled: bool = True  # False renders nothing and leaves `pixels/depth` out of the observation
+    height: int = 64
+    width: int = 64
+    vertical_fov: float = 60.0  # degrees
+    horizontal_fov: float = 85.46  # degrees
+    near: float = 0.3  # m, clip
+    far: float = 10.0  # m, clip; misses read this
+    frames: int = 4  # stacked, newest first
+    blind_min: int = 3  # blind pixels per frame when noise is on: U{blind_min..blind_max}
+    blind_max: int = 30
+    noise: bool | None = None  # blind pixels; None follows randomization.enabled
+
+
+@dataclass(frozen=True)
+class ObservationConfig:
+    """The parts of the observation."""
+
+    state_frames: int = 3  # proprioceptive frames, newest first
+    displacement: bool = True  # base displacement over the last control step (off: the real robot's 84-D state)
+    goal: bool = False  # goal relative to the base, appended to `state`
+    depth: DepthConfig = field(default_factory=DepthConfig)
+
+    @property
+    def state_size(self) -> int:
+        """Length of the `state` vector."""
+        per_frame = 12 + 4 + 12 + (3 if self.displacement else 0)
+        return self.state_frames * per_frame + (3 if self.goal else 0)
+
+
+@dataclass(frozen=True)
+class RewardConfig:
+    """Weights of the reward's terms; see loco_mjx/env/reward.py."""
+
+    forward: float = 1.0
+    energy: float = 0.005 * a1.PHYSICS_DT  # times −‖τ‖²; the paper prints 0.005, which drowns every other term
+    alive: float = 0.1
+    sphere: float = 100.0  # per sphere collected
+    vertical_speed: float = 0.0  # times −v_z²
+    collision: float = 0.0  # times −1 in a control step with obstacle contact
+    action_rate: float = 0.0  # times −‖u_t − u_{t−1}‖²
+    target_speed: float | None = 1.0  # m/s, cap on the forward speed; None: no cap
+
+
+@dataclass(frozen=True)
+class TerminationConfig:
+    """When an episode ends before its horizon."""
+
+    min_up: float = 0.6  # z of the trunk's up axis
+    min_height: float = 0.15  # m, base above the ground beneath it
+    on_collision: bool = False
+
+
+@dataclass(frozen=True)
+class PhysicsConfig:
+    """The MJX solver and the contact slots."""
+
+    iterations: int = 1  # Newton iterations per physics step
+    ls_iterations: int = 4  # line-search iterations per Newton iteration
+    near_boxes: int = 6  # boxes nearest the robot that may touch it within one control step
+    near_cylinders: int = 3
+    friction: float = 1.0  # lateral, of the robot against everything
+
+
+@dataclass(frozen=True)
+class RandomizationConfig:
+    """Domain randomisation, drawn at each reset and constant in the episode (paper, appendix A)."""
+
+    enabled: bool = False
+    kp: tuple[float, float] = (40.0, 90.0)
+    kd: tuple[float, float] = (0.4, 0.8)
+    inertia: tuple[float, float] = (0.5, 1.5)  # factor
+    friction: tuple[float, float] = (0.5, 1.25)  # lateral coefficient
+    mass: tuple[float, float] = (0.8, 1.2)  # factor
+    motor_friction: tuple[float, float] = (0.0, 0.05)  # N·m·s/rad
+    motor_strength: tuple[float, float] = (0.8, 1.2)  # factor, per motor
+    latency: tuple[float, float] = (0.0, 0.04)  # s, IMU and joint angles
+
+
+@dataclass(frozen=True)
+class EnvConfig:
+    """One task's environment."""
+
+    task: str = "thin"
+    horizon: int = 1000  # control steps
+    kp: float = a1.KP
+    kd: float = a1.KD
+    start_range: float = 1.0  # m, start at ± this in x and y
+    action: ActionConfig = field(default_factory=ActionConfig)
+    observation: ObservationConfig = field(default_factory=ObservationConfig)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    termination: TerminationConfig = field(default_factory=TerminationConfig)
+    physics: PhysicsConfig = field(default_factory=PhysicsConfig)
+    randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """Sizes of the policy networks (paper, appendix B)."""
+
+    token_dim: int = 128
+    tokens_per_side: Literal[1, 2, 4] = 4  # N: the visual features become N × N tokens
+    layers: int = 2  # transformer encoder layers
+    mlp_dim: int = 256  # of an encoder layer
+    hidden: tuple[int, ...] = (256, 256)
+    state_only_hidden: tuple[int, ...] = (256, 256, 256, 256)
+    initial_std: float = 1.0
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """PPO's hyper-parameters; the defaults are the paper's."""
+
+    num_envs: int = 256
+    unroll: int = 32  # control steps per environment and iteration
+    minibatch: int = 256  # samples
+    epochs: int = 3
+    clip: float = 0.2
+    discount: float = 0.99
+    gae_lambda: float = 0.95
+    learning_rate: float = 1e-4
+    learning_rate_decay: bool = True  # linearly to zero over total_steps
+    max_grad_norm: float = 0.5
+    entropy: float = 0.005
+    value_loss: float = 0.5
+    total_steps: int = 15_000_000  # samples
+    pool_size: int = 512  # scenes held ready for resets
+    pool_refresh: int = 32  # iterations between new pools
+
+    @property
+    def samples_per_iteration(self) -> int:
+        """Samples collected, and learnt from, in one iteration."""
+        return self.num_envs * self.unroll
+
+    @property
+    def iterations(self) -> int:
+        """Iterations that make up total_steps, rounded up."""
+        return -(-self.total_steps // self.samples_per_iteration)
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything that defines a run, apart from where it is written."""
+
+    policy: str = "loco-transformer"
+    seed: int = 0
+    env: EnvConfig = field(default_factory=EnvConfig)
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    ppo: PPOConfig = field(default_factory=PPOConfig)
+
+
+def _fast(config: Config) -> Config:
+    """Tuned for wall-clock: larger steps, fewer passes, calmer hips; docs/results.md has the measurements."""
+    action = dataclasses.replace(config.env.action, scale=(0.2, 0.5, 0.5))
+    ppo = dataclasses.replace(
+        config.ppo, minibatch=1024, epochs=2, learning_rate=3e-4, entropy=1e-3, learning_rate_decay=False
+    )
+    return dataclasses.replace(config, env=dataclasses.replace(config.env, action=action), ppo=ppo)
+
+
+PRESETS = {"paper": lambda config: config, "fast": _fast}
+
+
+def preset(name: str) -> Config:
+    """The configuration of a preset.
+
+    Raises:
+        UnknownNameError: if there is no preset of that name.
+    """
+    if name not in PRESETS:
+        raise UnknownNameError("preset", name, PRESETS)
+    return PRESETS[name](Config())
+
+
+def check(config: Config, num_devices: int = 1) -> None:
+    """Checks that sizes fit together.
+
+    Raises:
+        UserError: naming the sizes that do not divide, and what would.
+    """
+    ppo = config.ppo
+    for name in ("num_envs", "unroll", "minibatch", "epochs", "total_steps", "pool_size", "pool_refresh"):
+        if getattr(ppo, name) < 1:
+            raise UserError(f"ppo.{name} is {getattr(ppo, name)}; accepted: 1 or more")
+    if ppo.num_envs % num_devices:
+        raise UserError(f"ppo.num_envs {ppo.num_envs} does not divide over {num_devices} devices; accepted: a multiple")
+    if ppo.minibatch % num_devices:
+        raise UserError(
+            f"ppo.minibatch {ppo.minibatch} does not divide over {num_devices} devices; accepted: a multiple"
+        )
+    if ppo.samples_per_iteration % ppo.minibatch:
+        raise UserError(
+            f"ppo.minibatch {ppo.minibatch} does not divide the {ppo.samples_per_iteration} samples of an iteration "
+            f"(num_envs {ppo.num_envs} × unroll {ppo.unroll}); accepted: a divisor of it"
+        )
+    if config.network.tokens_per_side not in (1, 2, 4):
+        raise UserError(f"network.tokens_per_side is {config.network.tokens_per_side}; accepted: 1, 2, 4")
+
+
+def to_dict(config: Any) -> dict[str, Any]:
+    """A configuration as plain JSON types."""
+    return dataclasses.asdict(config)
+
+
+def from_dict(kind: type, values: dict[str, Any]) -> Any:
+    """Rebuilds a configuration from :func:`to_dict`'s output.
+
+    Raises:
+        UserError: on a key that the configuration does not have, or one that is missing.
+    """
+    import typing
+
+    hints = typing.get_type_hints(kind)
+    names = {f.name for f in dataclasses.fields(kind)}
+    if set(values) != names:
+        raise UserError(f"{kind.__name__}: keys {sorted(set(values) ^ names)} do not match this version's")
+    built = {}
+    for name, value in values.items():
+        hint = hints[name]
+        if dataclasses.is_dataclass(hint):
+            value = from_dict(hint, value)  # type: ignore[arg-type]
+        elif isinstance(value, list):
+            value = tuple(value)
+        built[name] = value
+    return kind(**built)

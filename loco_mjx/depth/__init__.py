@@ -1,0 +1,1 @@
+"""The depth camera: rays cast at a scene, clipped, encoded."""

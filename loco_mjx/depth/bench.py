@@ -1,0 +1,110 @@
+"""How many depth frames a second this machine renders, beside C MuJoCo's ray casting of the same scenes."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jp
+import mujoco
+import numpy as np
+from jax.sharding import Mesh, NamedSharding
+from jax.sharding import PartitionSpec as P
+
+from loco_mjx import a1
+from loco_mjx.config import DepthConfig
+from loco_mjx.depth import reference
+from loco_mjx.depth.render import render
+from loco_mjx.scene.mjcf import scene_spec
+from loco_mjx.scene.pool import make_pool
+from loco_mjx.scene.surface import ground_height
+from loco_mjx.scene.tasks import get_task
+from loco_mjx.scene.types import Scene
+
+COURSE = 20.0  # m, of tasks without a goal
+PEER_SCENES = 4  # per thread
+AXIS = "shard"
+
+
+def standing_poses(key: jax.Array, scenes: Scene) -> jax.Array:
+    """(N, 7) base poses of robots that stand along the course of N scenes, looking along it."""
+
+    def one(key: jax.Array, scene: Scene) -> jax.Array:
+        key_along, key_across = jax.random.split(key)
+        along = jax.random.uniform(key_along, maxval=0.9)  # share of the course = +U(0, 0.9)
+        end = jp.where(jp.any(scene.goal != 0.0), scene.goal[:2], jp.array([COURSE, 0.0]))
+        across = jax.random.uniform(key_across, minval=-1.0)  # y = +U(-1, 1) m beside the course
+        x, y = along * end[0], along * end[1] + across
+        z = ground_height(scene, x, y) + a1.STAND_HEIGHT
+        return jp.stack([x, y, z, *jp.array([1.0, 0.0, 0.0, 0.0])])
+
+    return jax.vmap(one)(jax.random.split(key, scenes.goal.shape[0]), scenes)
+
+
+def bench_depth(task: str, num_envs: int, seconds: float) -> dict[str, Any]:
+    """Frames per second over all local devices, and C MuJoCo's with as many threads.
+
+    Args:
+        task: whose scenes.
+        num_envs: frames rendered at once; split over as many devices as divide it.
+        seconds: to measure for, at least; once for each of the two.
+
+    Returns:
+        per_second, unit, compile_seconds, num_envs, devices, and peer: name, per_second and threads.
+
+    Raises:
+        UnknownNameError: if there is no such task.
+    """
+    devices = jax.local_devices()
+    devices = devices[: max(n for n in range(1, len(devices) + 1) if num_envs % n == 0)]
+    key_scenes, key_poses = jax.random.split(jax.random.PRNGKey(0))
+    scenes = make_pool(key_scenes, get_task(task), num_envs)
+    poses = jax.jit(standing_poses)(key_poses, scenes)
+
+    mesh = Mesh(np.array(devices), (AXIS,))
+    inputs = jax.device_put((scenes, poses), NamedSharding(mesh, P(AXIS)))
+    many = jax.vmap(partial(render, config=DepthConfig()))
+    shared = jax.jit(jax.shard_map(many, mesh=mesh, in_specs=(P(AXIS), P(AXIS)), out_specs=P(AXIS)))
+    begin = time.monotonic()
+    compiled = shared.lower(*inputs).compile()
+    compile_seconds = time.monotonic() - begin
+    jax.block_until_ready(compiled(*inputs))
+
+    begin, calls = time.monotonic(), 0
+    while calls < 2 or time.monotonic() - begin < seconds:
+        jax.block_until_ready(compiled(*inputs))
+        calls += 1
+    return {
+        "per_second": calls * num_envs / (time.monotonic() - begin),
+        "unit": "frames",
+        "compile_seconds": compile_seconds,
+        "num_envs": num_envs,
+        "devices": len(devices),
+        "peer": _peer(scenes, poses, len(devices), seconds),
+    }
+
+
+def _peer(scenes: Scene, poses: jax.Array, threads: int, seconds: float) -> dict[str, Any]:
+    """The same measure of mj_multiRay on the full scenes; it lets go of Python's lock while it runs."""
+    count = min(PEER_SCENES * threads, poses.shape[0])
+    models = [scene_spec(jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), scenes)).compile() for i in range(count)]
+    states = [mujoco.MjData(model) for model in models]
+    for model, state in zip(models, states, strict=True):
+        mujoco.mj_forward(model, state)
+    views = list(zip(models, states, np.asarray(poses[:count]), strict=True))
+
+    def work(thread: int) -> int:
+        frames = 0
+        while frames == 0 or time.monotonic() - begin < seconds:
+            model, state, pose = views[(thread + frames * threads) % count]
+            reference.cast(model, state, pose, DepthConfig())
+            frames += 1
+        return frames
+
+    begin = time.monotonic()
+    with ThreadPoolExecutor(threads) as pool:
+        frames = sum(pool.map(work, range(threads)))
+    return {"name": "mj_multiRay", "per_second": frames / (time.monotonic() - begin), "threads": threads}

@@ -1,0 +1,259 @@
+"""One A1 in one scene, as a Brax-style environment: written for one environment, made to be vmapped."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jp
+from brax.envs.base import State
+from flax import struct
+
+from loco_mjx import a1
+from loco_mjx.config import EnvConfig
+from loco_mjx.depth.encoding import blind_pixels, encode
+from loco_mjx.depth.render import render
+from loco_mjx.env import observation as obs_lib
+from loco_mjx.env import randomization, reward
+from loco_mjx.physics import model as physics_model
+from loco_mjx.physics.step import Outcome, PhysicsState, control_step, initial_state
+from loco_mjx.scene import motion, pool, query, surface
+from loco_mjx.scene.tasks import get_task
+from loco_mjx.scene.types import Scene
+
+
+@struct.dataclass
+class World:
+    """The simulation's state.
+
+    Attributes:
+        physics: positions and velocities of the robot.
+        scene: the world it walks in.
+        randomization: this episode's dynamics and latency.
+    """
+
+    physics: PhysicsState
+    scene: Scene
+    randomization: randomization.Randomization
+
+
+class LocoEnv:
+    """A task of the LocoTransformer paper.
+
+    Actions are (12,), or (6,) with `diagonal`, in [−1, 1]: joint targets around the default pose, in units of
+    `action.scale`; values outside are clipped. Observations are a dict: `state` (93,) and `pixels/depth` (64, 64, 4),
+    unnormalised state and encoded depth, newest first. `step` does not reset; see :mod:`loco_mjx.env.autoreset`.
+    """
+
+    def __init__(self, config: EnvConfig) -> None:
+        """Builds the physics model of the task.
+
+        Raises:
+            UnknownNameError: if the task is unknown.
+        """
+        self.config = config
+        self.task = get_task(config.task)
+        self._model = physics_model.build(config.physics, self.task.obstacle_slots)
+
+    @property
+    def action_size(self) -> int:
+        """Dimension of the action."""
+        return self.config.action.size
+
+    @property
+    def observation_size(self) -> dict[str, tuple[int, ...]]:
+        """Shape of each part of the observation."""
+        obs, depth = self.config.observation, self.config.observation.depth
+        sizes: dict[str, tuple[int, ...]] = {"state": (obs.state_size,)}
+        if depth.enabled:
+            sizes["pixels/depth"] = (depth.height, depth.width, depth.frames)
+        return sizes
+
+    @property
+    def dt(self) -> float:
+        """Duration of a control step, s."""
+        return a1.CONTROL_DT
+
+    # Scenes ---------------------------------------------------------------------------------------------------------
+
+    def make_pool(self, key: jax.Array, size: int) -> Scene:
+        """`size` scenes with a leading axis, to reset into."""
+        return pool.make_pool(key, self.task, size)
+
+    def draw(self, key: jax.Array, scenes: Scene) -> Scene:
+        """One scene of a pool, uniformly."""
+        return pool.draw(key, scenes)
+
+    # The Brax interface ---------------------------------------------------------------------------------------------
+
+    def reset(self, key: jax.Array) -> State:
+        """Starts an episode in a newly drawn scene."""
+        scene_key, start_key = jax.random.split(key)
+        return self.observe(self.begin(start_key, self.task.generate(scene_key)))
+
+    def step(self, state: State, action: jax.Array) -> State:
+        """One control step of 0.04 s."""
+        return self.observe(self.advance(state, action))
+
+    # Their parts ----------------------------------------------------------------------------------------------------
+
+    def begin(self, key: jax.Array, scene: Scene) -> State:
+        """The first state of an episode in the given scene, without its observation."""
+        place_key, robot_key, episode_key = jax.random.split(key, 3)
+        qpos = self._start_pose(place_key, scene)
+        world = World(initial_state(qpos), scene, randomization.draw(robot_key, self.config))
+        info = {
+            "key": episode_key,
+            "steps": jp.zeros((), jp.int32),
+            "truncation": jp.zeros(()),
+            "start": qpos[:3],
+            "first_obstacle": query.first_obstacle_x(scene),
+            "last_action": jp.zeros(12),
+            "history": obs_lib.first_history(self.config.observation),
+        }
+        blank = {name: jp.zeros(shape) for name, shape in self.observation_size.items()}
+        return State(world, blank, jp.zeros(()), jp.zeros(()), self._metrics_template(), info)
+
+    def advance(self, state: State, action: jax.Array) -> State:
+        """Physics, reward and termination of one control step; the observation's pixels are left as they were."""
+        key, motion_key = jax.random.split(state.info["key"])
+        before: World = state.pipeline_state
+        command = self._command(action)
+        scene = self._move_obstacles(motion_key, before.scene, state.info["steps"])
+        targets = jp.array(a1.DEFAULT_POSE) + command
+        physics, outcome = control_step(self._model, before.physics, scene, targets, before.randomization.dynamics)
+        finite = _all_finite(physics) & _all_finite(outcome)
+        # A non-finite state ends the episode and goes no further: the robot is put back where it was.
+        physics = _where(finite, physics, before.physics)
+        outcome = _where(finite, outcome, jax.tree.map(jp.zeros_like, outcome))
+        scene, spheres = query.collect(scene, physics.qpos[:2])
+        world = World(physics, scene, before.randomization)
+        facts = self._facts(before, world, outcome, spheres, command - state.info["last_action"])
+        return self._result(state, world, outcome, facts, finite, command, key)
+
+    def observe(self, state: State) -> State:
+        """Fills the observation; renders one depth frame where depth is enabled."""
+        config, world = self.config.observation, state.pipeline_state
+        qpos = world.physics.qpos
+        goal = obs_lib.goal_in_base(world.scene.goal, qpos) if config.goal else None
+        obs = {"state": obs_lib.state_vector(state.info["history"], goal)}
+        info = dict(state.info)
+        if config.depth.enabled:
+            info["key"], blind_key = jax.random.split(state.info["key"])
+            depth = render(world.scene, qpos, config.depth)
+            noise = config.depth.noise if config.depth.noise is not None else self.config.randomization.enabled
+            if noise:
+                depth = blind_pixels(blind_key, depth, config.depth)
+            first = state.info["steps"] == 0
+            obs["pixels/depth"] = obs_lib.push_frame(state.obs["pixels/depth"], encode(depth), first)
+        return state.replace(obs=obs, info=info)
+
+    # Details --------------------------------------------------------------------------------------------------------
+
+    def _start_pose(self, key: jax.Array, scene: Scene) -> jax.Array:
+        # x, y = +U(-start_range, start_range)
+        reach = self.config.start_range
+        xy = jax.random.uniform(key, (2,), minval=-reach, maxval=reach)
+        feet_x = xy[0] + a1.HIP_X * jp.array([1.0, 1.0, -1.0, -1.0])
+        feet_y = xy[1] + (a1.HIP_Y + a1.THIGH_OFFSET) * jp.array([-1.0, 1.0, -1.0, 1.0])
+        z = jp.max(jax.vmap(lambda x, y: surface.ground_height(scene, x, y))(feet_x, feet_y)) + a1.STAND_HEIGHT
+        quat = jp.array([1.0, 0.0, 0.0, 0.0])
+        return jp.concatenate([xy, z[None], quat, jp.array(a1.DEFAULT_POSE)])
+
+    def _command(self, action: jax.Array) -> jax.Array:
+        """(12,) joint targets relative to the default pose, rad."""
+        unit = jp.clip(action, -1.0, 1.0)
+        if self.config.action.diagonal:
+            right, left = unit[:3], unit[3:]
+            unit = jp.concatenate([right, left, left, right])
+        return unit * jp.tile(jp.array(self.config.action.scale), 4)
+
+    def _move_obstacles(self, key: jax.Array, scene: Scene, step: jax.Array) -> Scene:
+        if not self.task.moving:
+            return scene
+        return motion.move(motion.redraw(key, scene, step), a1.CONTROL_DT)
+
+    def _facts(
+        self, before: World, after: World, outcome: Outcome, spheres: jax.Array, change: jax.Array
+    ) -> reward.StepFacts:
+        start, end = before.physics.qpos[:3], after.physics.qpos[:3]
+        w, x, y, z = after.physics.qpos[3:7]
+        return reward.StepFacts(
+            displacement=end - start,
+            forward=reward.forward_displacement(start, end, after.scene.goal, self.task.toward_goal),
+            torque_squared=outcome.torque_squared,
+            spheres=spheres.astype(jp.float32),
+            contact=outcome.obstacle_contact.astype(bool),
+            action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), 4)) ** 2),
+            up=1 - 2 * (x * x + y * y),
+            height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
+        )
+
+    def _result(
+        self,
+        state: State,
+        world: World,
+        outcome: Outcome,
+        facts: reward.StepFacts,
+        finite: jax.Array,
+        command: jax.Array,
+        key: jax.Array,
+    ) -> State:
+        terms = reward.rewards(facts, self.config.reward)
+        steps = state.info["steps"] + 1
+        ended = reward.terminated(facts, self.config.termination) | ~finite
+        truncated = (steps >= self.config.horizon) & ~ended
+        now = obs_lib.sense(outcome, world.randomization.latency)
+        now |= {"displacement": facts.displacement, "last_action": command}
+        info = dict(state.info) | {
+            "key": key,
+            "steps": steps,
+            "truncation": truncated.astype(jp.float32),
+            "last_action": command,
+            "history": obs_lib.push(state.info["history"], now),
+        }
+        return state.replace(
+            pipeline_state=world,
+            reward=sum(terms.values()),
+            done=(ended | truncated).astype(jp.float32),
+            metrics=self._metrics(state, world, facts, terms, finite),
+            info=info,
+        )
+
+    def _metrics(
+        self,
+        state: State,
+        world: World,
+        facts: reward.StepFacts,
+        terms: dict[str, jax.Array],
+        finite: jax.Array,
+    ) -> dict[str, jax.Array]:
+        """This step's increments: summed over an episode they are the episode's metrics."""
+        end = world.physics.qpos[:3]
+        start, before = state.info["start"], state.pipeline_state.physics.qpos[:3]
+        straight = jp.linalg.norm(end - start) - jp.linalg.norm(before - start)
+        contact = facts.contact.astype(jp.float32)
+        passed = end[0] > state.info["first_obstacle"]
+        return {
+            "distance": straight if self.task.toward_goal else facts.displacement[0],
+            "progress": facts.forward,
+            "speed": facts.forward / a1.CONTROL_DT,
+            "collisions": contact * passed,
+            "contacts": contact,
+            "spheres": facts.spheres,
+            "nonfinite": 1.0 - finite.astype(jp.float32),
+        } | {f"reward/{name}": value for name, value in terms.items()}
+
+    def _metrics_template(self) -> dict[str, jax.Array]:
+        names = ["distance", "progress", "speed", "collisions", "contacts", "spheres", "nonfinite"]
+        terms = ["forward", "energy", "alive", "sphere", "vertical_speed", "collision", "action_rate"]
+        return {name: jp.zeros(()) for name in names + [f"reward/{term}" for term in terms]}
+
+
+def _all_finite(tree: Any) -> jax.Array:
+    leaves = [x for x in jax.tree.leaves(tree) if jp.issubdtype(x.dtype, jp.floating)]
+    return jp.all(jp.stack([jp.all(jp.isfinite(x)) for x in leaves]))
+
+
+def _where(choice: jax.Array, yes: Any, no: Any) -> Any:
+    return jax.tree.map(lambda a, b: jp.where(choice, a, b), yes, no)

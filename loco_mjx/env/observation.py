@@ -1,0 +1,76 @@
+"""What the robot senses: proprioception with latency, its history, and the stack of depth frames."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jp
+
+from loco_mjx import a1
+from loco_mjx.config import ObservationConfig
+from loco_mjx.physics.step import Outcome
+
+# The sensors of one proprioceptive frame, in the order of the `state` vector, with their sizes per frame.
+SENSORS: dict[str, int] = {"displacement": 3, "imu": 4, "last_action": 12, "angles": 12}
+
+
+def sensors(config: ObservationConfig) -> dict[str, int]:
+    """The sensors in use and their sizes per frame, in the order of the `state` vector."""
+    return {name: size for name, size in SENSORS.items() if name != "displacement" or config.displacement}
+
+
+def roll_pitch(quat: jax.Array) -> jax.Array:
+    """(2,) roll and pitch, rad, of a (4,) quaternion (w, x, y, z)."""
+    w, x, y, z = quat
+    roll = jp.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = jp.arcsin(jp.clip(2 * (w * y - z * x), -1.0, 1.0))
+    return jp.stack([roll, pitch])
+
+
+def delayed(trace: jax.Array, latency: jax.Array) -> jax.Array:
+    """The value of a (SUBSTEPS + 1, n) trace `latency` seconds before its end, between physics steps linearly."""
+    place = jp.clip(a1.SUBSTEPS - latency / a1.PHYSICS_DT, 0.0, a1.SUBSTEPS)
+    below = jp.floor(place).astype(jp.int32)
+    part = place - below
+    return (1 - part) * trace[below] + part * trace[jp.minimum(below + 1, a1.SUBSTEPS)]
+
+
+def sense(outcome: Outcome, latency: jax.Array) -> dict[str, jax.Array]:
+    """The IMU (4,) [roll, pitch, roll rate, pitch rate (body frame)] and the joint angles (12,), delayed."""
+    quat = delayed(outcome.quat, latency)
+    quat = quat / jp.maximum(jp.linalg.norm(quat), 1e-6)
+    gyro = delayed(outcome.gyro, latency)
+    imu = jp.concatenate([roll_pitch(quat), gyro[:2]])
+    return {"imu": imu, "angles": delayed(outcome.angles, latency)}
+
+
+def first_history(config: ObservationConfig) -> dict[str, jax.Array]:
+    """The history at a reset: `state_frames` copies of the standing robot's sensors, each (frames, size)."""
+    now = {name: jp.zeros(size) for name, size in sensors(config).items()}
+    now["angles"] = jp.array(a1.DEFAULT_POSE)
+    return {name: jp.tile(value, (config.state_frames, 1)) for name, value in now.items()}
+
+
+def push(history: dict[str, jax.Array], now: dict[str, jax.Array]) -> dict[str, jax.Array]:
+    """Puts the newest values in front and drops the oldest."""
+    return {name: jp.concatenate([now[name][None], past[:-1]]) for name, past in history.items()}
+
+
+def state_vector(history: dict[str, jax.Array], goal: jax.Array | None) -> jax.Array:
+    """The `state` vector: grouped by sensor, newest frame first within each; the goal at its end where there is one."""
+    parts = [history[name].reshape(-1) for name in SENSORS if name in history]
+    return jp.concatenate(parts if goal is None else [*parts, goal])
+
+
+def goal_in_base(goal: jax.Array, qpos: jax.Array) -> jax.Array:
+    """(3,) vector from the base to the goal, m, turned into the base's heading (yaw only)."""
+    w, x, y, z = qpos[3:7]
+    yaw = jp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    dx, dy, dz = goal - qpos[:3]
+    return jp.stack([jp.cos(yaw) * dx + jp.sin(yaw) * dy, -jp.sin(yaw) * dx + jp.cos(yaw) * dy, dz])
+
+
+def push_frame(stack: jax.Array, frame: jax.Array, first: jax.Array) -> jax.Array:
+    """Puts the newest (H, W) frame in front of an (H, W, frames) stack; at an episode's first step fills it."""
+    newest = frame[..., None]
+    shifted = jp.concatenate([newest, stack[..., :-1]], axis=-1)
+    return jp.where(first, newest, shifted)

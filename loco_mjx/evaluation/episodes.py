@@ -1,0 +1,132 @@
+"""Runs a policy for whole episodes, each in a newly generated scene, and reports what happened in them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jp
+import numpy as np
+from brax.envs.base import State
+from jax.sharding import Mesh, NamedSharding
+from jax.sharding import PartitionSpec as P
+
+from loco_mjx.config import EnvConfig
+from loco_mjx.errors import UserError
+from loco_mjx.networks.policies import Networks
+from loco_mjx.ppo.inference import make_inference
+from loco_mjx.ppo.train import AXIS
+
+CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
+ACCELERATOR_CHUNK = 1024
+Figures = dict[str, np.ndarray]
+
+
+def evaluation_config(config: EnvConfig, task: str | None = None, randomize: bool = False) -> EnvConfig:
+    """The environment a policy is evaluated in: its own, on any task, with randomisation off unless asked for.
+
+    Args:
+        config: the environment it was trained in.
+        task: to evaluate on; None: the one it was trained on.
+        randomize: draw dynamics, latency and blind pixels as in training with randomisation.
+    """
+    observation = config.observation
+    depth = dataclasses.replace(observation.depth, noise=None)
+    return dataclasses.replace(
+        config,
+        task=task or config.task,
+        observation=dataclasses.replace(observation, depth=depth),
+        randomization=dataclasses.replace(config.randomization, enabled=randomize),
+    )
+
+
+class Evaluator:
+    """Episodes of one environment, side by side, spread over the mesh; compiled once per number of episodes."""
+
+    def __init__(self, env: Any, networks: Networks, horizon: int, mesh: Mesh, deterministic: bool = True) -> None:
+        """Prepares the program.
+
+        Args:
+            env: a :class:`loco_mjx.env.loco_env.LocoEnv`, or anything with its `reset` and `step`.
+            networks: of the policy.
+            horizon: the longest an episode can be, control steps.
+            mesh: devices with one axis named ``env``.
+            deterministic: act by the mean of the policy's Gaussian.
+        """
+        self.env, self.networks, self.horizon, self.mesh = env, networks, horizon, mesh
+        self.deterministic = deterministic
+        shard = partial(jax.shard_map, mesh=mesh, check_vma=False)
+        self._run = jax.jit(shard(self._episodes, in_specs=(P(), P(), P(AXIS)), out_specs=P(AXIS)))
+
+    def run(self, params: Any, normalizer: Any, seed: int, episodes: int) -> Figures:
+        """Each metric of each episode, (episodes,); episode i is the same whatever their number.
+
+        Args:
+            params: of the networks.
+            normalizer: statistics of the policy's input.
+            seed: of the scenes, the starts and, where the policy is stochastic, its actions.
+            episodes: how many.
+
+        Raises:
+            UserError: if there are none to run.
+        """
+        if episodes < 1:
+            raise UserError(f"episodes is {episodes}; accepted: 1 or more")
+        devices = self.mesh.size
+        limit = CHUNK if self.mesh.devices.flat[0].platform == "cpu" else ACCELERATOR_CHUNK
+        chunk = min(limit, episodes)
+        chunk = -(-chunk // devices) * devices  # the devices share it evenly; what is too much is run and left out
+        total = -(-episodes // chunk) * chunk
+        params, normalizer = jax.device_put((params, normalizer), NamedSharding(self.mesh, P()))
+        root = jax.random.PRNGKey(seed)
+        keys = jax.vmap(jax.random.fold_in, (None, 0))(root, jp.arange(total))
+        parts = [self._run(params, normalizer, keys[start : start + chunk]) for start in range(0, total, chunk)]
+        sums = {name: np.concatenate([np.asarray(part[name]) for part in parts])[:episodes] for name in parts[0]}
+        return _figures(sums)
+
+    def _episodes(self, params: Any, normalizer: Any, keys: jax.Array) -> dict[str, jax.Array]:
+        """One device's episodes: sums of metrics until each one's first `done`."""
+        act = make_inference(self.networks, params, normalizer, self.deterministic)
+        start_keys, act_keys = jp.moveaxis(jax.vmap(jax.random.split)(keys), 1, 0)
+        state = jax.vmap(self.env.reset)(start_keys)
+        zero = jp.zeros(keys.shape[0], jp.float32)
+        sums = dict.fromkeys(state.metrics, zero) | {"return": zero, "length": zero, "survived": zero}
+
+        def more(carry: tuple[State, jax.Array, dict[str, jax.Array], jax.Array]) -> jax.Array:
+            return jp.any(carry[1]) & (carry[3] < self.horizon)
+
+        def body(
+            carry: tuple[State, jax.Array, dict[str, jax.Array], jax.Array],
+        ) -> tuple[State, jax.Array, dict[str, jax.Array], jax.Array]:
+            state, alive, sums, t = carry
+            step_keys = jax.vmap(jax.random.fold_in, (0, None))(act_keys, t)
+            # One key per environment, so that an episode does not depend on which others run beside it.
+            state = jax.vmap(self.env.step)(state, jax.vmap(act)(state.obs, step_keys))
+            survived = state.done * state.info["truncation"]
+            values = state.metrics | {"return": state.reward, "length": jp.ones_like(zero), "survived": survived}
+            sums = {name: sums[name] + jp.where(alive, values[name], 0.0) for name in sums}
+            return state, alive & (state.done == 0), sums, t + 1
+
+        carry = (state, jp.ones(keys.shape[0], bool), sums, jp.zeros((), jp.int32))
+        return jax.lax.while_loop(more, body, carry)[2]
+
+
+def _figures(sums: Mapping[str, np.ndarray]) -> Figures:
+    """Sums over an episode's steps to its metrics: all are sums but the speed, which is a mean."""
+    figures = {name: np.asarray(value, np.float64) for name, value in sums.items()}
+    if "speed" in figures:
+        figures["speed"] = figures["speed"] / np.maximum(figures["length"], 1.0)
+    return figures
+
+
+def means(figures: Figures) -> dict[str, float]:
+    """The mean of each metric over the episodes."""
+    return {name: float(np.mean(values)) for name, values in figures.items()}
+
+
+def summarize(figures: Figures) -> dict[str, dict[str, float]]:
+    """Mean and standard deviation of each metric over the episodes."""
+    return {name: {"mean": float(np.mean(v)), "std": float(np.std(v))} for name, v in figures.items()}

@@ -1,0 +1,78 @@
+"""Loads the policy of a run."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jp
+from jax.sharding import SingleDeviceSharding
+
+from loco_mjx.config import Config
+from loco_mjx.errors import UserError
+from loco_mjx.networks.policies import Networks, make_networks
+from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.run import checkpoint, directory
+
+
+@dataclass(frozen=True)
+class TrainedPolicy:
+    """A policy as a run left it.
+
+    Attributes:
+        config: the run's configuration.
+        networks: its networks.
+        params: their parameters.
+        normalizer: statistics of its input, frozen.
+        samples: it was trained on.
+    """
+
+    config: Config
+    networks: Networks
+    params: Any
+    normalizer: normalizer_lib.Normalizer
+    samples: int
+
+
+def load_policy(path: Path) -> TrainedPolicy:
+    """The newest policy of the run in a directory.
+
+    Raises:
+        UserError: if there is no run, no checkpoint yet, or none that can be read.
+    """
+    config = directory.load_config(path)
+    networks = make_networks(config.policy, config.network, config.env.action.size)
+    template = _template(config, networks)
+    restored = checkpoint.restore(path, template, config, _to_stderr, checkpoint.POLICY)
+    if restored is None:
+        raise UserError(f"the run in {path} has no checkpoint yet; let `loco-mjx train` go on until it has saved one")
+    policy, samples = restored
+    return TrainedPolicy(config, networks, policy["params"], policy["normalizer"], samples)
+
+
+def observation_shapes(config: Config) -> dict[str, tuple[int, ...]]:
+    """Shape of each part of the observation of a configuration's environment."""
+    obs = config.env.observation
+    shapes: dict[str, tuple[int, ...]] = {"state": (obs.state_size,)}
+    if obs.depth.enabled:
+        shapes["pixels/depth"] = (obs.depth.height, obs.depth.width, obs.depth.frames)
+    return shapes
+
+
+def _template(config: Config, networks: Networks) -> Any:
+    """Shapes and types of what a checkpoint holds of a policy, on the first device."""
+    shapes = observation_shapes(config)
+
+    def policy() -> Any:
+        params = networks.init(jax.random.PRNGKey(0), {name: jp.zeros((1, *shape)) for name, shape in shapes.items()})
+        return {"params": params, "normalizer": normalizer_lib.create(shapes["state"][0])}
+
+    place = SingleDeviceSharding(jax.local_devices()[0])
+    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=place), jax.eval_shape(policy))
+
+
+def _to_stderr(text: str) -> None:
+    print(f"loco-mjx: {text}", file=sys.stderr)

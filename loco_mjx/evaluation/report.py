@@ -1,0 +1,97 @@
+"""An evaluation of a run: which policy, on what, and what came of it; kept beside the run."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jax.sharding import Mesh
+from rich.table import Table
+
+from loco_mjx.env import LocoEnv
+from loco_mjx.errors import UserError
+from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, summarize
+from loco_mjx.evaluation.policy import load_policy
+from loco_mjx.ppo.train import AXIS
+from loco_mjx.run import about
+from loco_mjx.run.directory import write_json
+
+EVALUATION = "evaluation"
+UNITS = {"distance": "m", "progress": "m", "speed": "m/s"} | dict.fromkeys(
+    ("length", "collisions", "contacts"), "steps"
+)
+
+
+def evaluate(
+    directory: Path,
+    task: str | None = None,
+    episodes: int = 32,
+    seed: int = 0,
+    stochastic: bool = False,
+    randomize: bool = False,
+) -> dict[str, Any]:
+    """Evaluates the newest policy of a run, and writes the result into the run's `evaluation/`.
+
+    Args:
+        directory: the run's.
+        task: to evaluate on; None: the one it was trained on.
+        episodes: how many.
+        seed: of the scenes and of whatever else is random.
+        stochastic: draw actions instead of taking the mean.
+        randomize: draw dynamics, latency and blind pixels.
+
+    Returns:
+        What was evaluated, `metrics` with mean and std over the episodes, `episodes` with each one's figures.
+
+    Raises:
+        UserError: if there is no usable run, the task is unknown, or there are no episodes to run.
+    """
+    policy = load_policy(directory)
+    config = evaluation_config(policy.config.env, task, randomize)
+    env = LocoEnv(config)
+    mesh = Mesh(np.array(jax.local_devices()), (AXIS,))
+    program = Evaluator(env, policy.networks, config.horizon, mesh, deterministic=not stochastic)
+    figures = program.run(policy.params, policy.normalizer, seed, episodes)
+    result = {
+        "run": str(directory),
+        "policy": policy.config.policy,
+        "trained_on": policy.config.env.task,
+        "samples": policy.samples,
+        "task": config.task,
+        "num_episodes": episodes,
+        "seed": seed,
+        "deterministic": not stochastic,
+        "randomized": randomize,
+        "metrics": summarize(figures),
+        "episodes": {name: values.tolist() for name, values in figures.items()},
+        "versions": about.versions(),
+    }
+    _keep(directory, result)
+    return result
+
+
+def _keep(directory: Path, result: dict[str, Any]) -> None:
+    marks = ("" if result["deterministic"] else "-stochastic") + ("-randomized" if result["randomized"] else "")
+    name = f"{result['task']}{marks}-{result['samples']}-seed{result['seed']}.json"
+    try:
+        write_json(directory / EVALUATION / name, result)
+    except UserError as error:  # someone else's run may be read only; the result is shown all the same
+        print(f"loco-mjx: not kept: {error}", file=sys.stderr)
+
+
+def table(result: dict[str, Any]) -> Table:
+    """The result as people read it."""
+    how = "deterministic" if result["deterministic"] else "stochastic"
+    trained = f"{result['policy']} trained on {result['trained_on']} ({result['samples']:,} samples)"
+    title = f"{trained}, on {result['task']}: {result['num_episodes']} episodes, {how}"
+    table = Table(title=title, title_justify="left")
+    table.add_column("metric")
+    table.add_column("mean", justify="right")
+    table.add_column("std", justify="right")
+    for name, figures in result["metrics"].items():
+        unit = f" {UNITS[name]}" if name in UNITS else ""
+        table.add_row(name, f"{figures['mean']:.3f}{unit}", f"{figures['std']:.3f}")
+    return table

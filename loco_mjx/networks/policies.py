@@ -1,0 +1,236 @@
+"""The policies: Flax modules from observations to an action's Gaussian and a value.
+
+Policy and value share the encoders of state and depth; transformers and heads are separate.
+A new policy is one module here and one entry in ``POLICIES``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import flax.linen as nn
+import jax
+import jax.numpy as jp
+from flax import struct
+
+from loco_mjx.config import NetworkConfig
+from loco_mjx.errors import UnknownNameError, UserError
+from loco_mjx.networks.encoders import MLP, PROJECTION_INIT, DepthEncoder, Head, VisualTokens
+from loco_mjx.networks.transformer import Transformer
+
+Observation = Mapping[str, jax.Array]
+Params = Any
+STATE, DEPTH = "state", "pixels/depth"
+LOG_STD_RANGE = (-5.0, 2.0)
+MEAN_SCALE, VALUE_SCALE = 0.01, 1.0  # gains of the last layers' initialisation
+
+
+@struct.dataclass
+class Outputs:
+    """What a policy says about observations with leading axes (...).
+
+    Attributes:
+        mean: (..., actions) mean of the Gaussian, before the tanh.
+        log_std: (..., actions) log standard deviation, the same for every observation.
+        value: (...) estimated return.
+        attention: (..., N·N) the last layer's attention from the state token to the visual tokens (what remains
+            to 1 is its attention to itself), or None for policies without both.
+    """
+
+    mean: jax.Array
+    log_std: jax.Array
+    value: jax.Array
+    attention: jax.Array | None = None
+
+
+class Gaussian(nn.Module):
+    """A policy head: the mean from features, and a free log standard deviation.
+
+    Attributes:
+        hidden: width of the hidden layers.
+        actions: size of the action.
+        initial_std: standard deviation to start from.
+    """
+
+    hidden: tuple[int, ...]
+    actions: int
+    initial_std: float
+
+    @nn.compact
+    def __call__(self, features: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """(..., n) features to mean and log_std, (..., actions) each."""
+        mean = Head(self.hidden, self.actions, MEAN_SCALE, name="mean")(features)
+        start = nn.initializers.constant(math.log(self.initial_std))
+        log_std = jp.clip(self.param("log_std", start, (self.actions,)), *LOG_STD_RANGE)
+        return mean, jp.broadcast_to(log_std, mean.shape)
+
+
+def _outputs(module: Any, hidden: tuple[int, ...], policy: jax.Array, value: jax.Array, attention: Any) -> Outputs:
+    """Heads of policy and value on their features; called inside a compact module, which owns them."""
+    config: NetworkConfig = module.config
+    mean, log_std = Gaussian(hidden, module.actions, config.initial_std, name="policy_head")(policy)
+    value = Head(hidden, 1, VALUE_SCALE, name="value_head")(value)[..., 0]
+    return Outputs(mean, log_std, value, attention)
+
+
+class LocoTransformer(nn.Module):
+    """State token and visual tokens through a transformer; the state token and the visual tokens' mean decide.
+
+    Attributes:
+        config: sizes.
+        actions: size of the action.
+    """
+
+    config: NetworkConfig
+    actions: int
+
+    @nn.compact
+    def __call__(self, obs: Observation) -> Outputs:
+        """`state` (..., n) and `pixels/depth` (..., 64, 64, frames) to Outputs."""
+        config = self.config
+        body = MLP(config.hidden, name="state_encoder")(obs[STATE])
+        body = nn.relu(nn.Dense(config.token_dim, kernel_init=PROJECTION_INIT, name="state_token")(body))
+        features = DepthEncoder(name="depth_encoder")(obs[DEPTH])
+        visual = VisualTokens(config.token_dim, config.tokens_per_side, name="visual_tokens")(features)
+        tokens = jp.concatenate([body[..., None, :], visual], axis=-2)  # (..., 1 + N·N, C)
+        policy, attention = self._branch("policy", tokens)
+        value, _ = self._branch("value", tokens)
+        attention = None if attention is None else attention[..., 0, 1:]  # (..., N·N)
+        return _outputs(self, config.hidden, policy, value, attention)
+
+    def _branch(self, name: str, tokens: jax.Array) -> tuple[jax.Array, jax.Array | None]:
+        transformer = Transformer(self.config.layers, self.config.mlp_dim, name=f"{name}_transformer")
+        tokens, attention = transformer(tokens)
+        pooled = jp.concatenate([tokens[..., 0, :], tokens[..., 1:, :].mean(-2)], axis=-1)  # (..., 2 C)
+        return pooled, attention
+
+
+class DepthOnly(nn.Module):
+    """The transformer over visual tokens alone; their mean decides.
+
+    Attributes:
+        config: sizes.
+        actions: size of the action.
+    """
+
+    config: NetworkConfig
+    actions: int
+
+    @nn.compact
+    def __call__(self, obs: Observation) -> Outputs:
+        """`pixels/depth` (..., 64, 64, frames) to Outputs."""
+        config = self.config
+        features = DepthEncoder(name="depth_encoder")(obs[DEPTH])
+        tokens = VisualTokens(config.token_dim, config.tokens_per_side, name="visual_tokens")(features)
+        policy, _ = Transformer(config.layers, config.mlp_dim, name="policy_transformer")(tokens)
+        value, _ = Transformer(config.layers, config.mlp_dim, name="value_transformer")(tokens)
+        return _outputs(self, config.hidden, policy.mean(-2), value.mean(-2), None)
+
+
+class StateDepthConcat(nn.Module):
+    """Flattened visual features and state features side by side, into an MLP.
+
+    Attributes:
+        config: sizes.
+        actions: size of the action.
+    """
+
+    config: NetworkConfig
+    actions: int
+
+    @nn.compact
+    def __call__(self, obs: Observation) -> Outputs:
+        """`state` (..., n) and `pixels/depth` (..., 64, 64, frames) to Outputs."""
+        hidden = self.config.hidden
+        body = MLP(hidden, name="state_encoder")(obs[STATE])
+        visual = DepthEncoder(name="depth_encoder")(obs[DEPTH])
+        visual = visual.reshape(*visual.shape[:-3], -1)  # (..., 1024)
+        visual = nn.relu(nn.Dense(hidden[-1], kernel_init=PROJECTION_INIT, name="visual_projection")(visual))
+        features = jp.concatenate([visual, body], axis=-1)
+        return _outputs(self, hidden, features, features, None)
+
+
+class StateOnly(nn.Module):
+    """A blind MLP; policy and value share the first half of its layers.
+
+    Attributes:
+        config: sizes.
+        actions: size of the action.
+    """
+
+    config: NetworkConfig
+    actions: int
+
+    @nn.compact
+    def __call__(self, obs: Observation) -> Outputs:
+        """`state` (..., n) to Outputs."""
+        hidden = self.config.state_only_hidden
+        shared = len(hidden) // 2
+        features = MLP(hidden[:shared], name="state_encoder")(obs[STATE])
+        return _outputs(self, hidden[shared:], features, features, None)
+
+
+@dataclass(frozen=True)
+class Policy:
+    """An entry of POLICIES.
+
+    Attributes:
+        build: module from (NetworkConfig, size of the action).
+        uses_state: whether it reads `state`.
+        uses_depth: whether it reads `pixels/depth`.
+    """
+
+    build: Callable[[NetworkConfig, int], nn.Module]
+    uses_state: bool = True
+    uses_depth: bool = True
+
+
+POLICIES: dict[str, Policy] = {
+    "loco-transformer": Policy(LocoTransformer),
+    "state-only": Policy(StateOnly, uses_depth=False),
+    "depth-only": Policy(DepthOnly, uses_state=False),
+    "state-depth-concat": Policy(StateDepthConcat),
+}
+
+
+@dataclass(frozen=True)
+class Networks:
+    """A policy's module and which parts of the observation it reads.
+
+    Attributes:
+        module: from observations (with any leading axes) to Outputs.
+        uses_state: whether it reads `state`.
+        uses_depth: whether it reads `pixels/depth`.
+    """
+
+    module: nn.Module
+    uses_state: bool
+    uses_depth: bool
+
+    def init(self, key: jax.Array, obs: Observation) -> Params:
+        """Parameters for observations shaped like `obs` (`state` already normalised)."""
+        return self.module.init(key, obs)
+
+    def apply(self, params: Params, obs: Observation) -> Outputs:
+        """Outputs for observations (`state` already normalised) with any leading axes."""
+        return self.module.apply(params, obs)  # type: ignore[return-value]
+
+
+def make_networks(policy: str, config: NetworkConfig, action_size: int) -> Networks:
+    """The networks of a policy in POLICIES.
+
+    Raises:
+        UnknownNameError: if there is no policy of that name.
+        UserError: if a size is not one the networks can be built with.
+    """
+    if policy not in POLICIES:
+        raise UnknownNameError("policy", policy, POLICIES)
+    if config.tokens_per_side not in (1, 2, 4):
+        raise UserError(f"network.tokens_per_side is {config.tokens_per_side}; accepted: 1, 2, 4")
+    if config.layers < 0:
+        raise UserError(f"network.layers is {config.layers}; accepted: 0 or more")
+    entry = POLICIES[policy]
+    return Networks(entry.build(config, action_size), entry.uses_state, entry.uses_depth)

@@ -1,0 +1,185 @@
+"""Constraints from the contact slots and the joint limits, as MuJoCo makes them.
+
+Formulas: MuJoCo's documentation, "Computation", "Constraint model" (pyramidal friction cones). Arrays have the N
+environments on their last axis, (4, N) over legs; see solver.py for why everything is elementwise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jp
+import numpy as np
+
+from loco_mjx import a1
+from loco_mjx.physics import solver
+from loco_mjx.physics.kinematics import LEGS, RADII, Pose, Vector, column, trunk_centers
+from loco_mjx.physics.model import PhysicsModel, Softness
+from loco_mjx.physics.slots import Planes
+from loco_mjx.physics.solver import Constraints, Motion, keep
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def _dot(a: Vector, b: Vector) -> jax.Array:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _sub(a: Vector, b: Vector) -> Vector:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def tangents(normal: Vector) -> tuple[Vector, Vector]:
+    """Two unit vectors that complete a normal to a frame, chosen as MuJoCo chooses them (from y, or z if steep)."""
+    level = (jp.abs(normal[1]) < 0.5).astype(normal[1].dtype)
+    along: Vector = (jp.zeros_like(level), level, 1.0 - level)
+    off = _dot(along, normal)
+    x, y, z = (a - off * n for a, n in zip(along, normal, strict=True))
+    scale = jax.lax.rsqrt(x * x + y * y + z * z)
+    first = (x * scale, y * scale, z * scale)
+    return first, _cross(normal, first)
+
+
+def _impedance(softness: Softness, distance: jax.Array) -> jax.Array:
+    """MuJoCo's impedance d(r) of a constraint violated by `distance`, for its sigmoid of power 2."""
+    x = jp.minimum(jp.abs(distance) * (1.0 / softness.width), 1.0)
+    mid = softness.middle
+    rise = jp.where(x < mid, x * x / mid, 1.0 - (1.0 - x) * (1.0 - x) / (1.0 - mid))
+    return softness.lowest + rise * (softness.highest - softness.lowest)
+
+
+def _weight_and_pull(
+    softness: Softness, distance: jax.Array, invweight: jax.Array | np.ndarray
+) -> tuple[jax.Array, jax.Array]:
+    """D (0 unless `distance` is negative) and the reference acceleration of a constraint at rest."""
+    impedance = _impedance(softness, distance)
+    weight = impedance / (invweight * (1.0 - impedance))
+    return jp.where(distance < 0.0, weight, 0.0), -softness.stiffness * impedance * distance
+
+
+def _base_rows(robot: Pose, point: Vector, direction: Vector) -> list[jax.Array]:
+    """Jacobian in the base's 6 degrees of freedom of points' velocities along directions."""
+    moment = keep(_cross(_sub(point, robot.origin), direction))
+    return [*direction, *(_dot(axis, moment) for axis in (robot.forward, robot.left, robot.up))]
+
+
+def _joint_rows(robot: Pose, point: Vector, direction: Vector) -> list[jax.Array]:
+    """Jacobian in a leg's 3 joints of the velocities along directions of points that move with its calf."""
+    pairs = ((robot.forward, robot.hip), (robot.side, robot.shoulder), (robot.side, robot.knee))
+    return [_dot(axis, _cross(_sub(point, anchor), direction)) for axis, anchor in pairs]
+
+
+def _contact_point(center: Vector, plane: Planes, radius: np.ndarray | float) -> Vector:
+    """Halfway between the sphere's surface and the plane."""
+    depth = radius + 0.5 * plane.distance
+    return tuple(c - n * depth for c, n in zip(center, plane.normal, strict=True))  # type: ignore[return-value]
+
+
+def _stacked(vectors: list[Vector]) -> Vector:
+    return tuple(solver.stack([v[i] for v in vectors]) for i in range(3))  # type: ignore[return-value]
+
+
+class _Slots(NamedTuple):
+    """Planes of the legs' slots: the feet's F, hips, knees.
+
+    Attributes:
+        distance: (F + 2, 4, N).
+        point: x, y, z of the contacts, each (P, 4, N), one per row of the Jacobian.
+        direction: of each row, likewise.
+    """
+
+    distance: jax.Array
+    point: Vector
+    direction: Vector
+
+
+def _leg_slots(robot: Pose, feet: tuple[Planes, ...], hips: Planes, knees: Planes) -> _Slots:
+    planes = (*feet, hips, knees)
+    centers = (*[robot.foot] * len(feet), robot.shoulder, robot.knee)
+    radii = (*[RADII[0]] * len(feet), RADII[LEGS], RADII[2 * LEGS])
+    points = [_contact_point(c, plane, r) for c, plane, r in zip(centers, planes, radii, strict=True)]
+    frames = [tangents(plane.normal) for plane in feet]
+    directions = [plane.normal for plane in feet] + [f[0] for f in frames] + [f[1] for f in frames]
+    directions += [hips.normal, knees.normal]
+    rows = points[: len(feet)] * 3 + points[len(feet) :]
+    return _Slots(solver.stack([plane.distance for plane in planes]), _stacked(rows), _stacked(directions))
+
+
+def _legs(
+    model: PhysicsModel, robot: Pose, velocity: Motion, legs: _Slots, friction: jax.Array, mass: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Jacobian, reference and weight of the legs' contacts; see solver.Constraints."""
+    slots = legs.distance.shape[0] - 2
+    joints = _joint_rows(robot, legs.point, legs.direction)
+    # A hip's sphere moves with the hip joint only.
+    with_knee = (np.arange(3 * slots + 2) != 3 * slots).astype(np.float32).reshape(-1, 1, 1)
+    joints = [joints[0], joints[1] * with_knee, joints[2] * with_knee]
+    jacobian = solver.stack([*_base_rows(robot, legs.point, legs.direction), *joints])
+    # As in MuJoCo, every edge of a pyramid has this times its normal's inverse weight.
+    edge = 2.0 * friction * friction * (1.0 + friction * friction) / mass
+    by_leg = np.asarray(model.sphere_invweight[: 3 * LEGS], np.float32).reshape(3, 1, LEGS, 1)
+    feet, others = legs.distance[:slots], legs.distance[slots:]
+    foot_weight, foot_pull = _weight_and_pull(model.softness, feet, by_leg[0] * edge)
+    other_weight, other_pull = _weight_and_pull(model.softness, others, by_leg[1:, 0] / mass)
+    speed = sum(jacobian[i] * velocity.base[i] for i in range(6))
+    speed = keep(speed + sum(jacobian[6 + j] * velocity.joints[j] for j in range(3)))
+    damped = -model.softness.damping * speed
+    reference = [damped[:slots] + foot_pull, damped[slots : 3 * slots], damped[3 * slots :] + other_pull]
+    return jacobian, solver.concatenate(reference), solver.concatenate([foot_weight, other_weight])
+
+
+def _trunk(
+    model: PhysicsModel, robot: Pose, velocity: Motion, plane: Planes, mass: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Jacobian, reference and weight of the trunk's contacts."""
+    point = keep(_contact_point(trunk_centers(robot), plane, column(RADII[3 * LEGS :], plane.distance)))
+    jacobian = solver.stack(_base_rows(robot, point, plane.normal))
+    invweight = column(model.sphere_invweight[3 * LEGS :], plane.distance) / mass
+    weight, pull = _weight_and_pull(model.softness, plane.distance, invweight)
+    speed = sum(jacobian[i] * velocity.base[i] for i in range(6))
+    return jacobian, pull - model.softness.damping * speed, weight
+
+
+def _limits(model: PhysicsModel, angles: jax.Array, speeds: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Sign, reference and weight of the joint limits, each (3, 4, N), like the arguments."""
+    shape = lambda values: np.asarray(values, np.float32).reshape(LEGS, 3).T[:, :, None]  # noqa: E731
+    above, below = angles - shape(a1.JOINT_LOWER), shape(a1.JOINT_UPPER) - angles
+    sign = jp.where(above < below, 1.0, -1.0).astype(angles.dtype)
+    weight, pull = _weight_and_pull(model.limit_softness, jp.minimum(above, below), shape(model.joint_invweight))
+    return sign, pull - model.limit_softness.damping * sign * speeds, weight
+
+
+def constraints(
+    model: PhysicsModel,
+    robot: Pose,
+    qpos: jax.Array,
+    qvel: jax.Array,
+    planes: tuple[tuple[Planes, ...], Planes, Planes, Planes],
+    friction: jax.Array,
+    mass: jax.Array,
+) -> Constraints:
+    """All constraints.
+
+    Args:
+        model: the physics.
+        robot: where it is.
+        qpos: (19, N).
+        qvel: (18, N).
+        planes: of :func:`slots.touch`: each slot of the feet (4, N), hips (4, N), knees (4, N), trunk (6, N).
+        friction: (N,) coefficient of the feet.
+        mass: (N,) factor on the robot's mass.
+    """
+    feet, hips, knees, trunk = planes
+    velocity, angles = keep((solver.split(qvel), jp.swapaxes(qpos[7:].reshape(LEGS, 3, -1), 0, 1)))
+    legs = _leg_slots(robot, feet, hips, knees)
+    jacobian, reference, weight = _legs(model, robot, velocity, legs, friction, mass)
+    return keep(
+        Constraints(
+            jacobian, reference, weight, friction,
+            *_trunk(model, robot, velocity, trunk, mass),
+            *_limits(model, angles, velocity.joints),
+        )
+    )

@@ -1,0 +1,208 @@
+"""One control step: 16 physics steps of the A1 against a scene.
+
+Rigid-body dynamics are MJX's; contacts are the tangent planes of slots.py; the constraint solver is solver.py.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jp
+import numpy as np
+from flax import struct
+from mujoco import mjx
+from mujoco.mjx._src import smooth
+
+from loco_mjx import a1
+from loco_mjx.physics import contact, kinematics, slots, solver
+from loco_mjx.physics.model import PhysicsModel
+from loco_mjx.physics.solver import keep
+from loco_mjx.scene.types import Scene
+
+
+@struct.dataclass
+class PhysicsState:
+    """What is carried from step to step.
+
+    Attributes:
+        qpos: (19,) base position m, base quaternion (w, x, y, z), 12 joint angles rad.
+        qvel: (18,) base velocity m/s in the world frame, angular velocity rad/s in the trunk's frame, joints rad/s.
+        warmstart: (18,) the last accelerations, where the solver starts.
+    """
+
+    qpos: jax.Array
+    qvel: jax.Array
+    warmstart: jax.Array
+
+
+@struct.dataclass
+class Dynamics:
+    """What domain randomisation changes.
+
+    Attributes:
+        kp: N·m/rad.
+        kd: N·m·s/rad.
+        strength: (12,) factor on each motor's torque.
+        motor_friction: viscous, N·m·s/rad.
+        friction: lateral coefficient of the feet.
+        mass: factor on every body's mass.
+        inertia: factor on every body's rotational inertia.
+    """
+
+    kp: jax.Array
+    kd: jax.Array
+    strength: jax.Array
+    motor_friction: jax.Array
+    friction: jax.Array
+    mass: jax.Array
+    inertia: jax.Array
+
+
+@struct.dataclass
+class Outcome:
+    """What happened in a control step; index 0 of the 17 is before it, 16 after it.
+
+    Attributes:
+        torque_squared: mean over the physics steps of the sum of the motors' squared torques, (N·m)².
+        obstacle_contact: bool, whether any sphere touched an obstacle or a wall in any physics step.
+        angles: (17, 12) joint angles, rad.
+        quat: (17, 4) base orientation.
+        gyro: (17, 3) angular velocity in the trunk's frame, rad/s.
+    """
+
+    torque_squared: jax.Array
+    obstacle_contact: jax.Array
+    angles: jax.Array
+    quat: jax.Array
+    gyro: jax.Array
+
+
+def initial_state(qpos: jax.Array) -> PhysicsState:
+    """At rest in a pose (19,)."""
+    qpos = jp.asarray(qpos, jp.float32)
+    return PhysicsState(qpos, jp.zeros(18, jp.float32), jp.zeros(18, jp.float32))
+
+
+def nominal_dynamics(kp: float = a1.KP, kd: float = a1.KD, friction: float = 1.0) -> Dynamics:
+    """The robot as it is, without randomisation."""
+    one = jp.ones((), jp.float32)
+    return Dynamics(kp * one, kd * one, jp.ones(12, jp.float32), 0.0 * one, friction * one, one, one)
+
+
+def _inertia_and_bias(
+    model: PhysicsModel, qpos: jax.Array, qvel: jax.Array, mass: jax.Array, inertia: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Mass matrix (18, 18), and Coriolis, centrifugal and gravity forces (18,), of one environment, by MJX."""
+    m: mjx.Model = model.mjx.replace(
+        body_mass=model.mjx.body_mass * mass, body_inertia=model.mjx.body_inertia * inertia
+    )
+    d: Any = model.data.replace(qpos=qpos, qvel=qvel)
+    d = smooth.crb(m, smooth.com_pos(m, smooth.kinematics(m, d)))
+    d = smooth.rne(m, smooth.com_vel(m, d))
+    return d._impl.M, d.qfrc_bias
+
+
+def _integrate(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
+    """Position after one physics step at a velocity; (19, N), (18, N)."""
+    dt = np.float32(a1.PHYSICS_DT)
+    half = qvel[3:6] * (dt * np.float32(0.5))
+    angle = jp.sqrt(jp.sum(half * half, axis=0))
+    # sin(angle) / angle, exact to float32 for the turns of one physics step
+    sinc = jp.where(angle > 1e-4, jp.sin(angle) / jp.maximum(angle, 1e-4), 1.0)
+    w, x, y, z = qpos[3:7]
+    c, (a, b, d) = jp.cos(angle), half * sinc
+    quat = jp.stack(
+        [w * c - x * a - y * b - z * d, w * a + x * c + y * d - z * b, w * b - x * d + y * c + z * a, w * d + x * b - y * a + z * c]
+    )
+    quat = quat / jp.sqrt(jp.sum(quat * quat, axis=0))
+    return jp.concatenate([qpos[:3] + dt * qvel[:3], quat, qpos[7:] + dt * qvel[6:]])
+
+
+def _physics_step(
+    model: PhysicsModel, near: slots.Near, targets: jax.Array, dynamics: Dynamics, state: PhysicsState
+) -> tuple[PhysicsState, jax.Array, jax.Array]:
+    """The next state, the squared torque and whether an obstacle is touched. Environments last in every array."""
+    torque = a1.motor_torque(
+        targets, state.qpos[7:], state.qvel[6:], dynamics.kp, dynamics.kd, dynamics.strength, dynamics.motor_friction
+    )
+    last = lambda f: jax.vmap(f, in_axes=-1, out_axes=-1)  # noqa: E731
+    inertia, bias = last(lambda *args: _inertia_and_bias(model, *args))(
+        state.qpos, state.qvel, dynamics.mass, dynamics.inertia
+    )
+    inertia, bias = keep((inertia, bias))
+    robot = keep(kinematics.pose(state.qpos))
+    planes, hit = keep(slots.touch(near, keep(kinematics.centers(robot)), model.obstacle_slots))
+    constraints = contact.constraints(model, robot, state.qpos, state.qvel, planes, dynamics.friction, dynamics.mass)
+    force = jp.concatenate([-bias[:6], torque - bias[6:]])
+    acceleration = solver.join(
+        solver.solve(
+            solver.inertia_parts(inertia),
+            solver.split(force),
+            constraints,
+            solver.split(state.warmstart),
+            model.config.iterations,
+            model.config.ls_iterations,
+        )
+    )
+    qvel = state.qvel + np.float32(a1.PHYSICS_DT) * acceleration
+    new = PhysicsState(_integrate(state.qpos, qvel), qvel, acceleration)
+    return new, jp.sum(torque * torque, axis=0), hit
+
+
+def _control_steps(
+    model: PhysicsModel, state: PhysicsState, scene: Scene, targets: jax.Array, dynamics: Dynamics
+) -> tuple[PhysicsState, Outcome]:
+    """:func:`control_step` of N environments, on the first axis of every argument."""
+    terrain = scene.terrain
+    near = jax.vmap(lambda scene, base: slots.near(scene, base, model.config))(
+        scene.replace(terrain=None), state.qpos[:, :3]
+    )
+    to_last, to_first = (lambda tree, a=a, b=b: jax.tree.map(lambda x: jp.moveaxis(x, a, b), tree) for a, b in ((0, -1), (-1, 0)))
+    near = to_last(near).replace(terrain=terrain)
+    state, targets, dynamics = to_last((state, targets, dynamics))
+
+    def body(state: PhysicsState, _: None) -> tuple[PhysicsState, tuple[jax.Array, ...]]:
+        new, squared, hit = _physics_step(model, near, targets, dynamics, state)
+        return new, (squared, hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
+
+    new, (squared, hit, *after) = jax.lax.scan(body, state, None, length=a1.SUBSTEPS)
+    before = (state.qpos[7:], state.qpos[3:7], state.qvel[3:6])
+    trace = [jp.concatenate([b[None], a]) for b, a in zip(before, after, strict=True)]
+    return to_first((new, Outcome(jp.mean(squared, axis=0), jp.any(hit, axis=0), *trace)))
+
+
+def control_step(
+    model: PhysicsModel, state: PhysicsState, scene: Scene, targets: jax.Array, dynamics: Dynamics
+) -> tuple[PhysicsState, Outcome]:
+    """Runs the motors toward targets for one control step (0.04 s, 16 physics steps).
+
+    Written for one environment; `jax.vmap` of it computes with the environments on the last axis.
+
+    Args:
+        model: the physics.
+        state: before the step.
+        scene: the world; it stands still during the step.
+        targets: (12,) desired joint angles, rad.
+        dynamics: gains, friction, masses.
+
+    Returns:
+        State after the step, and what happened in it. A state that is not finite stays so.
+    """
+
+    @jax.custom_batching.custom_vmap
+    def run(*args: Any) -> tuple[PhysicsState, Outcome]:
+        first = jax.tree.map(lambda x: jp.asarray(x)[None], args)
+        return jax.tree.map(lambda x: x[0], batch(*first))
+
+    def batch(*args: Any) -> tuple[PhysicsState, Outcome]:
+        with jax.default_matmul_precision("highest"):
+            return _control_steps(model, *args)
+
+    @run.def_vmap
+    def _(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
+        spread = lambda x, is_batched: x if is_batched else jp.broadcast_to(x, (size, *jp.shape(x)))  # noqa: E731
+        out = batch(*jax.tree.map(spread, args, tuple(batched)))
+        return out, jax.tree.map(lambda _: True, out)
+
+    return run(state, scene, targets, dynamics)

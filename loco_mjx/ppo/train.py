@@ -1,0 +1,208 @@
+"""The training program: collect and update, one compiled call per iteration, environments spread over a mesh."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jp
+import numpy as np
+import optax
+from brax.envs.base import State
+from flax import struct
+from jax.sharding import Mesh, NamedSharding
+from jax.sharding import PartitionSpec as P
+
+from loco_mjx import config as config_lib
+from loco_mjx.config import Config
+from loco_mjx.env import autoreset
+from loco_mjx.errors import UserError
+from loco_mjx.networks.policies import DEPTH, Params, make_networks
+from loco_mjx.ppo import collect as collect_lib
+from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.ppo import update as update_lib
+from loco_mjx.ppo.collect import Metrics, Rollout
+from loco_mjx.ppo.loss import psum
+from loco_mjx.ppo.normalizer import Normalizer
+
+AXIS = "env"
+CPU_CHUNK = 32  # samples at once on a CPU device: activations stay in the cache
+# What a key is for; folded into the seed's key.
+_PARAMS, _ENVS, _POOL, _ACTIONS, _SHUFFLE = range(5)
+
+
+@struct.dataclass
+class TrainState:
+    """Everything that training carries from one iteration to the next, and all that a checkpoint needs.
+
+    Attributes:
+        params: the networks' parameters.
+        opt_state: the optimiser's state.
+        normalizer: statistics of `state`.
+        env_state: (num_envs, ...) the environments, spread over the mesh.
+        key: (2,) uint32 the seed's key; constant, every draw folds in its purpose and the iteration.
+        iteration: () int32 iterations done.
+        samples: () int32 environment steps taken.
+    """
+
+    params: Params
+    opt_state: optax.OptState
+    normalizer: Normalizer
+    env_state: State
+    key: jax.Array
+    iteration: jax.Array
+    samples: jax.Array
+
+
+class Trainer:
+    """PPO on a batch of environments.
+
+    The mesh has one axis, ``env``: each device holds its share of the environments, collects from them, and adds its
+    part to every minibatch's gradient.
+
+    Attributes:
+        iterate: (state, pool) -> (next state, dict of scalars), one iteration on all devices, compiled once. It
+            donates the state: what was passed in cannot be used again.
+        collect: (state, pool) -> (state, Rollout, dict of scalars), the first half of `iterate`, to be timed apart.
+        update: (state, Rollout) -> (state, dict of scalars), the second half.
+    """
+
+    def __init__(self, config: Config, env: autoreset.ResettableEnv, mesh: Mesh | None = None) -> None:
+        """Prepares the programs; nothing is compiled yet.
+
+        Args:
+            config: the run's configuration.
+            env: one environment that matches it.
+            mesh: devices with one axis named ``env``; by default the first device.
+
+        Raises:
+            UnknownNameError: if there is no policy of that name.
+            UserError: if sizes do not divide over the mesh, or the policy needs depth that the environment lacks.
+        """
+        self.mesh = mesh or Mesh(np.array(jax.devices()[:1]), (AXIS,))
+        config_lib.check(config, self.mesh.size)
+        self.config, self.env = config, env
+        self.networks = make_networks(config.policy, config.network, env.action_size)
+        if self.networks.uses_depth and DEPTH not in env.observation_size:
+            raise UserError(f"policy '{config.policy}' needs depth; env.observation.depth.enabled is False")
+        self.chunk = CPU_CHUNK if self.mesh.devices.flat[0].platform == "cpu" else None
+        # How states and rollouts (time-major) lie on the mesh.
+        split, windows, copies = P(AXIS), P(None, AXIS), P()
+        lie: dict[str, Any] = {field.name: copies for field in dataclasses.fields(TrainState)}
+        state = TrainState(**lie | {"env_state": split})
+        self.iterate = jax.jit(self._spread(self.step, (state, copies), (state, copies)), donate_argnums=0)
+        self.collect = jax.jit(self._spread(self.collect_part, (state, copies), (state, windows, copies)))
+        self.update = jax.jit(self._spread(self.update_part, (state, windows), (state, copies)))
+        self._init = jax.jit(self._spread(self.start, (copies, copies), state))
+        self._make_pool = jax.jit(self._pool, out_shardings=NamedSharding(self.mesh, copies))
+
+    def _spread(self, part: Callable, in_specs: Any, out_specs: Any) -> Callable:
+        """A part that runs on every device of the mesh with its share of the data."""
+        part = partial(part, axis_name=AXIS)
+        return jax.shard_map(part, mesh=self.mesh, in_specs=in_specs, out_specs=out_specs, check_vma=False)
+
+    # Called from outside -------------------------------------------------------------------------------------------
+
+    def init(self) -> TrainState:
+        """The state before the first iteration; depends on the seed alone."""
+        return self._init(jax.random.PRNGKey(self.config.seed), self.make_pool(0))
+
+    def make_pool(self, iteration: int) -> Any:
+        """The scenes of an iteration; they depend on the seed and ``iteration // pool_refresh`` alone."""
+        draw = jp.asarray(iteration // self.config.ppo.pool_refresh, jp.int32)
+        return self._make_pool(jax.random.PRNGKey(self.config.seed), draw)
+
+    def _pool(self, key: jax.Array, draw: jax.Array) -> Any:
+        return self.env.make_pool(jax.random.fold_in(jax.random.fold_in(key, _POOL), draw), self.config.ppo.pool_size)
+
+    # What runs on one device; without an axis name, plain functions to vmap over seeds --------------------------------
+
+    def start(self, key: jax.Array, pool: Any, axis_name: str | None = None) -> TrainState:
+        """The state before the first iteration.
+
+        Args:
+            key: (2,) uint32 the seed's key.
+            pool: scenes to start in.
+            axis_name: the mesh axis whose devices learn together, or None.
+        """
+        keys = self._env_keys(jax.random.fold_in(key, _ENVS), axis_name)
+        env_state = jax.vmap(lambda env_key: autoreset.first(self.env, env_key, pool))(keys)
+        sizes = self.env.observation_size
+        blank = {name: jp.zeros((1, *shape)) for name, shape in sizes.items()}
+        params = self.networks.init(jax.random.fold_in(key, _PARAMS), blank)
+        state = TrainState(
+            params=params,
+            opt_state=update_lib.make_optimizer(self.config.ppo).init(params),
+            normalizer=normalizer_lib.create(sizes["state"][0]),
+            env_state=env_state,
+            key=key,
+            iteration=jp.zeros((), jp.int32),
+            samples=jp.zeros((), jp.int32),
+        )
+        return jax.tree.map(_strong, state)
+
+    def step(self, state: TrainState, pool: Any, axis_name: str | None = None) -> tuple[TrainState, Metrics]:
+        """One iteration: the next state and a dict of scalars."""
+        state, rollout, collected = self.collect_part(state, pool, axis_name)
+        state, learnt = self.update_part(state, rollout, axis_name)
+        return state, collected | learnt
+
+    def _env_keys(self, key: jax.Array, axis_name: str | None) -> jax.Array:
+        """One key per environment of this device; which one an environment gets does not depend on the devices."""
+        shards = 1 if axis_name is None else self.mesh.size
+        count = self.config.ppo.num_envs // shards
+        first = 0 if axis_name is None else jax.lax.axis_index(axis_name) * count
+        return jax.vmap(jax.random.fold_in, (None, 0))(key, first + jp.arange(count))
+
+    def collect_part(
+        self, state: TrainState, pool: Any, axis_name: str | None = None
+    ) -> tuple[TrainState, Rollout, Metrics]:
+        """The first half of an iteration: only the environments' states change."""
+        purpose = jax.random.fold_in(jax.random.fold_in(state.key, _ACTIONS), state.iteration)
+        keys = self._env_keys(purpose, axis_name)
+        env_state, rollout, sums = collect_lib.collect(
+            self.env,
+            self.networks,
+            state.params,
+            state.normalizer,
+            state.env_state,
+            pool,
+            keys,
+            self.config.ppo.unroll,
+        )
+        metrics = collect_lib.averages(psum(sums, axis_name))
+        return dataclasses.replace(state, env_state=jax.tree.map(_strong, env_state)), rollout, metrics
+
+    def update_part(
+        self, state: TrainState, rollout: Rollout, axis_name: str | None = None
+    ) -> tuple[TrainState, Metrics]:
+        """The second half: learning from the rollout, then the normaliser's statistics."""
+        ppo = self.config.ppo
+        shuffle_key = jax.random.fold_in(jax.random.fold_in(state.key, _SHUFFLE), state.iteration)
+        if axis_name is not None:
+            shuffle_key = jax.random.fold_in(shuffle_key, jax.lax.axis_index(axis_name))
+        data = update_lib.experience(rollout, state.normalizer, ppo)
+        rate = update_lib.learning_rate(ppo, state.iteration)
+        learned = (state.params, state.opt_state)
+        learned, metrics = update_lib.update(
+            self.networks, ppo, learned, data, shuffle_key, rate, axis_name, self.chunk
+        )
+        # The statistics change only now: the update above needs those the rollout was collected with.
+        normalizer = normalizer_lib.update(state.normalizer, rollout.state[:-1], rollout.weight, axis_name)
+        state = dataclasses.replace(
+            state,
+            params=learned[0],
+            opt_state=learned[1],
+            normalizer=normalizer,
+            iteration=state.iteration + 1,
+            samples=state.samples + ppo.samples_per_iteration,
+        )
+        return state, metrics | {"learning_rate": rate}
+
+
+def _strong(x: jax.Array) -> jax.Array:
+    """The array with its dtype fixed: a weakly typed leaf would make the second iteration compile again."""
+    return jax.lax.convert_element_type(x, x.dtype) if x.weak_type else x

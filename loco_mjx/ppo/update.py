@@ -1,0 +1,188 @@
+"""Learning from a window of experience: epochs of minibatches, each one step of Adam."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jp
+import optax
+from flax import struct
+
+from loco_mjx.config import PPOConfig
+from loco_mjx.networks.policies import DEPTH, STATE, Networks, Params
+from loco_mjx.ppo import frames, gae
+from loco_mjx.ppo import loss as loss_lib
+from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.ppo.collect import Metrics, Rollout
+from loco_mjx.ppo.loss import Batch, masked_mean, psum
+from loco_mjx.ppo.normalizer import Normalizer
+
+_Learned = tuple[Params, optax.OptState]
+
+
+@struct.dataclass
+class Experience:
+    """A rollout with what is computed from it once; samples are numbered t · B + column.
+
+    Attributes:
+        rollout: T steps of B environments.
+        normalizer: the statistics it was collected with.
+        advantage: (T, B) λ-advantages.
+        starts: (T+1, B) from :func:`loco_mjx.ppo.frames.episode_starts`, or None without depth.
+    """
+
+    rollout: Rollout
+    normalizer: Normalizer
+    advantage: jax.Array
+    starts: jax.Array | None
+
+    def batch(self, rows: jax.Array) -> Batch:
+        """The transitions of (n,) int32 sample numbers."""
+        at = jp.divmod(rows, self.rollout.reward.shape[1])
+        data = self.rollout
+        return Batch(data.action[at], data.log_prob[at], data.value[at], self.advantage[at], data.weight[at])
+
+    def observation(self, rows: jax.Array) -> dict[str, jax.Array]:
+        """(n, ...) policy inputs of (n,) int32 sample numbers, equal to those the policy acted on."""
+        step, column = jp.divmod(rows, self.rollout.reward.shape[1])
+        obs = {STATE: normalizer_lib.normalize(self.normalizer, self.rollout.state[step, column])}
+        stored = self.rollout.frames
+        if stored is not None and self.starts is not None:
+            count = stored.shape[0] - self.rollout.reward.shape[0]
+            obs[DEPTH] = frames.stack(stored, self.starts, step, column, count)
+        return obs
+
+
+def experience(rollout: Rollout, normalizer: Normalizer, config: PPOConfig) -> Experience:
+    """Computes advantages and episode starts of a rollout."""
+    data = rollout
+    advantage = gae.advantages(
+        data.reward, data.value, data.terminated, data.done, data.reset, config.discount, config.gae_lambda
+    )
+    starts = None
+    if data.frames is not None:
+        starts = frames.episode_starts(data.reset, data.frames.shape[0] - data.reward.shape[0])
+    return Experience(rollout, normalizer, advantage, starts)
+
+
+def make_optimizer(config: PPOConfig) -> optax.GradientTransformation:
+    """Clips the gradient's global norm, then Adam without its learning rate (which :func:`descend` applies)."""
+    return optax.chain(optax.clip_by_global_norm(config.max_grad_norm), optax.scale_by_adam(eps=1e-5))
+
+
+def learning_rate(config: PPOConfig, iteration: jax.Array) -> jax.Array:
+    """() rate of an iteration: constant, or falling linearly to 0 over `total_steps`."""
+    rate = jp.asarray(config.learning_rate, jp.float32)
+    if not config.learning_rate_decay:
+        return rate
+    return rate * jp.maximum(1.0 - iteration.astype(jp.float32) / config.iterations, 0.0)
+
+
+def minibatches(key: jax.Array, samples: int, config: PPOConfig) -> jax.Array:
+    """(epochs · minibatches, n) int32 shuffled sample numbers: every epoch reads each of this device's samples once."""
+    count = config.samples_per_iteration // config.minibatch
+    keys = jax.random.split(key, config.epochs)
+    # order ~ uniform over permutations, one per epoch
+    orders = jax.vmap(lambda epoch_key: jax.random.permutation(epoch_key, samples))(keys)
+    return orders.reshape(config.epochs * count, samples // count).astype(jp.int32)
+
+
+def chunk_count(samples: int, limit: int | None) -> int:
+    """Smallest number of equal chunks of at most `limit` samples each; 1 without a limit."""
+    limit = samples if limit is None else limit
+    return next(count for count in range(1, samples + 1) if samples % count == 0 and samples // count <= limit)
+
+
+def gradient(
+    networks: Networks,
+    config: PPOConfig,
+    params: Params,
+    data: Experience,
+    rows: jax.Array,
+    axis_name: str | None = None,
+    chunk: int | None = None,
+) -> tuple[Params, Metrics]:
+    """Gradient of a minibatch's loss, and the loss's terms; the arguments are :func:`update`'s."""
+    whole = data.batch(rows)
+    advantage = loss_lib.normalized_advantage(whole, axis_name)
+    total_weight = psum(jp.sum(whole.weight), axis_name)
+
+    def share(params: Params, rows: jax.Array, advantage: jax.Array) -> tuple[jax.Array, Metrics]:
+        outputs = networks.apply(params, data.observation(rows))
+        return loss_lib.loss(outputs, data.batch(rows), advantage, total_weight, config)
+
+    part_gradient = jax.grad(share, has_aux=True)
+    parts = jax.tree.map(lambda x: x.reshape(chunk_count(x.size, chunk), -1), (rows, advantage))
+    if parts[0].shape[0] == 1:
+        return psum(part_gradient(params, rows, advantage), axis_name)
+    shapes = jax.eval_shape(part_gradient, params, parts[0][0], parts[1][0])
+    zeros = jax.tree.map(lambda x: jp.zeros(x.shape, x.dtype), shapes)
+    total, _ = jax.lax.scan(
+        lambda total, part: (jax.tree.map(jp.add, total, part_gradient(params, *part)), None), zeros, parts
+    )
+    return psum(total, axis_name)
+
+
+def descend(config: PPOConfig, learned: _Learned, grads: Params, rate: jax.Array) -> tuple[_Learned, Metrics]:
+    """One optimiser step; a gradient that is not finite is skipped and counted, and changes nothing."""
+    norm = optax.global_norm(grads)
+    usable = jp.isfinite(norm)
+    changes, opt_state = make_optimizer(config).update(grads, learned[1])
+    params = jax.tree.map(lambda p, change: p - rate * change, learned[0], changes)
+    new = jax.tree.map(lambda new, old: jp.where(usable, new, old), (params, opt_state), learned)
+    return new, {"grad_norm": norm, "usable": usable.astype(jp.float32)}
+
+
+def update(
+    networks: Networks,
+    config: PPOConfig,
+    learned: _Learned,
+    data: Experience,
+    key: jax.Array,
+    rate: jax.Array,
+    axis_name: str | None = None,
+    chunk: int | None = None,
+) -> tuple[_Learned, Metrics]:
+    """All epochs over one rollout.
+
+    On several devices each holds its environments' part of the rollout and contributes its part to every minibatch;
+    sums over `axis_name` make each step that of the whole minibatch.
+
+    Args:
+        networks: the policy's networks.
+        config: hyper-parameters; sizes are of all devices together.
+        learned: parameters, as collected with, and the state of :func:`make_optimizer`'s optimiser.
+        data: this device's experience.
+        key: this device's, for shuffling.
+        rate: () learning rate.
+        axis_name: mesh axis of the devices, if any.
+        chunk: at most this many samples at once on a device; gradients add up, so that the result is the same but
+            for rounding. On a CPU, chunks whose activations fit the cache are faster.
+
+    Returns:
+        New parameters and optimiser state, and metrics; equal on all devices.
+    """
+
+    def body(learned: _Learned, rows: jax.Array) -> tuple[_Learned, Metrics]:
+        grads, terms = gradient(networks, config, learned[0], data, rows, axis_name, chunk)
+        learned, step = descend(config, learned, grads, rate)
+        return learned, terms | step
+
+    learned, steps = jax.lax.scan(body, learned, minibatches(key, data.advantage.size, config))
+    return learned, _averages(steps) | {"value/explained_variance": explained_variance(data, axis_name)}
+
+
+def _averages(steps: Metrics) -> Metrics:
+    """Means over the minibatches whose gradient was used, and how many were not."""
+    usable = steps.pop("usable")
+    means = {name: masked_mean(values, usable) for name, values in steps.items()}
+    return means | {"skipped_updates": jp.sum(1.0 - usable)}
+
+
+def explained_variance(data: Experience, axis_name: str | None = None) -> jax.Array:
+    """() 1 − Var(target − value) / Var(target) of the values collected with: 1 is perfect, 0 like a constant."""
+    weight = data.rollout.weight
+
+    def variance(x: jax.Array) -> jax.Array:
+        return masked_mean((x - masked_mean(x, weight, axis_name)) ** 2, weight, axis_name)
+
+    return 1.0 - variance(data.advantage) / jp.maximum(variance(data.advantage + data.rollout.value[:-1]), 1e-8)

@@ -1,0 +1,150 @@
+"""How fast the environment and training are on this machine."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jp
+import numpy as np
+from jax.sharding import Mesh
+from jax.sharding import PartitionSpec as P
+
+from loco_mjx.config import Config, preset
+from loco_mjx.env import LocoEnv, autoreset
+from loco_mjx.errors import UserError
+from loco_mjx.ppo.train import AXIS, Trainer
+
+WINDOW = 32  # control steps in one call of the environment's benchmark
+POOL = 64  # scenes to reset into
+Result = dict[str, Any]
+
+
+def bench_config(task: str, policy: str, num_envs: int | None) -> Config:
+    """The `fast` preset's configuration for a task and a policy.
+
+    Raises:
+        UserError: if a name is unknown or sizes do not divide.
+    """
+    from loco_mjx.networks.policies import POLICIES, make_networks
+
+    base = preset("fast")
+    ppo = base.ppo if num_envs is None else dataclasses.replace(base.ppo, num_envs=num_envs)
+    make_networks(policy, base.network, base.env.action.size)  # refuses unknown names
+    depth = dataclasses.replace(base.env.observation.depth, enabled=POLICIES[policy].uses_depth)
+    observation = dataclasses.replace(base.env.observation, depth=depth)
+    env = dataclasses.replace(base.env, task=task, observation=observation)
+    return dataclasses.replace(base, policy=policy, env=env, ppo=ppo)
+
+
+def bench_env(config: Config, seconds: float) -> Result:
+    """Control steps per second with random actions, depth included where the policy uses it.
+
+    Args:
+        config: what to measure.
+        seconds: to measure for, at least.
+    """
+    env, mesh, count = LocoEnv(config.env), _mesh(), config.ppo.num_envs
+    if count % mesh.size:
+        raise UserError(f"num-envs {count} does not divide over {mesh.size} devices; accepted: a multiple")
+    pool = env.make_pool(jax.random.PRNGKey(0), POOL)
+
+    def start(keys: jax.Array, pool: Any) -> Any:
+        return jax.vmap(lambda key: autoreset.first(env, key, pool))(keys)
+
+    def window(state: Any, keys: jax.Array, pool: Any) -> Any:
+        def body(state: Any, t: jax.Array) -> tuple[Any, None]:
+            step_keys = jax.vmap(jax.random.fold_in, (0, None))(keys, t)
+            # action = +U(-1, 1)
+            draw = jax.vmap(lambda key: jax.random.uniform(key, (env.action_size,), minval=-1.0))
+            return jax.vmap(lambda s, a: autoreset.step(env, s, a, pool))(state, draw(step_keys)), None
+
+        return jax.lax.scan(body, state, jp.arange(WINDOW, dtype=jp.int32))[0]
+
+    shard = partial(jax.shard_map, mesh=mesh, out_specs=P(AXIS), check_vma=False)
+    keys = jax.random.split(jax.random.PRNGKey(1), count)
+    begin = time.monotonic()
+    state = jax.block_until_ready(jax.jit(shard(start, in_specs=(P(AXIS), P())))(keys, pool))
+    step = jax.jit(shard(window, in_specs=(P(AXIS), P(AXIS), P())), donate_argnums=0)
+    state = jax.block_until_ready(step(state, keys, pool))
+    compile_seconds = time.monotonic() - begin
+    per_call = _seconds_per_call(_Rolling(lambda state: step(state, keys, pool), state), seconds)
+    return {
+        "per_second": count * WINDOW / per_call,
+        "unit": "control steps",
+        "depth": config.env.observation.depth.enabled,
+        "compile_seconds": compile_seconds,
+    }
+
+
+def bench_train(config: Config, seconds: float) -> Result:
+    """Samples per second of whole iterations, and how they divide into collecting and learning.
+
+    Args:
+        config: what to measure.
+        seconds: to measure for, at least.
+    """
+    trainer = Trainer(config, LocoEnv(config.env), _mesh())
+    begin = time.monotonic()
+    state, pool = trainer.init(), trainer.make_pool(0)
+    state, _ = jax.block_until_ready(trainer.iterate(state, pool))
+    compile_seconds, startup_seconds = time.monotonic() - begin, process_age()
+    rolling = _Rolling(lambda state: trainer.iterate(state, pool)[0], state)
+    iteration = _seconds_per_call(rolling, seconds)
+    collect = _collect_seconds(trainer, rolling.state, pool)
+    return {
+        "per_second": config.ppo.samples_per_iteration / iteration,
+        "unit": "samples",
+        "policy": config.policy,
+        "compile_seconds": max(compile_seconds - iteration, 0.0),
+        "startup_seconds": startup_seconds,  # from the start of the process to the end of the first iteration
+        "iteration_seconds": iteration,
+        "collect_seconds": collect,
+        "learn_seconds": iteration - collect,
+        "compilations": trainer.iterate._cache_size(),  # type: ignore[attr-defined]
+    }
+
+
+def process_age() -> float | None:
+    """Seconds since this process started; None where the system does not tell."""
+    try:
+        ticks = float(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
+        uptime = float(Path("/proc/uptime").read_text().split()[0])
+    except (OSError, ValueError, IndexError):
+        return None
+    return uptime - ticks / os.sysconf("SC_CLK_TCK")
+
+
+class _Rolling:
+    """A function from state to state that remembers the state."""
+
+    def __init__(self, step: Callable[[Any], Any], state: Any) -> None:
+        self.step, self.state = step, state
+
+    def __call__(self) -> Any:
+        self.state = self.step(self.state)
+        return self.state
+
+
+def _seconds_per_call(call: Callable[[], Any], seconds: float, least: int = 2) -> float:
+    """Mean duration of a call, over at least so many calls and seconds."""
+    begin, calls = time.monotonic(), 0
+    while calls < least or time.monotonic() - begin < seconds:
+        jax.block_until_ready(call())
+        calls += 1
+    return (time.monotonic() - begin) / calls
+
+
+def _collect_seconds(trainer: Trainer, state: Any, pool: Any) -> float:
+    jax.block_until_ready(trainer.collect(state, pool))
+    return _seconds_per_call(lambda: trainer.collect(state, pool), seconds=0.0)
+
+
+def _mesh() -> Mesh:
+    return Mesh(np.array(jax.local_devices()), (AXIS,))

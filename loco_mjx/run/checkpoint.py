@@ -1,0 +1,228 @@
+"""Checkpoints that survive a kill at any moment.
+
+A checkpoint is ``checkpoints/<step>/`` with two Orbax trees and a manifest:
+
+- ``state/``: everything training needs to go on: parameters, optimiser, normaliser, environments, keys, step
+- ``policy/``: parameters and normaliser alone, for evaluation
+- ``manifest.json``: step, configuration, and the size and CRC-32 of every file
+
+It is written under another name and renamed when it is whole, so a directory with a number for a name is complete. The
+last two are kept; one that was damaged later is found out by its manifest, and the one before it is used.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from loco_mjx.config import Config, to_dict
+from loco_mjx.errors import UserError
+from loco_mjx.run.directory import EXTENDABLE, flatten, read_json, write_json
+
+CHECKPOINTS, STATE, POLICY, MANIFEST = "checkpoints", "state", "policy", "manifest.json"
+KEEP = 2
+_PARTIAL, _OLD = ".partial-", ".old-"
+_BLOCK = 1 << 22  # bytes read at once
+
+Policy = dict[str, Any]
+
+
+def steps(directory: Path) -> list[int]:
+    """The samples trained at each checkpoint of a run, newest first."""
+    folder = directory / CHECKPOINTS
+    return sorted((int(entry.name) for entry in folder.glob("[0-9]*") if entry.name.isdigit()), reverse=True)
+
+
+def path_of(directory: Path, step: int) -> Path:
+    """Where the checkpoint of a step lies."""
+    return directory / CHECKPOINTS / f"{step:012d}"
+
+
+def save(directory: Path, step: int, state: Any, policy: Policy, config: Config) -> Path:
+    """Writes a checkpoint, then removes all but the last two.
+
+    Args:
+        directory: the run's.
+        step: samples trained so far.
+        state: a pytree of arrays, the full state of training.
+        policy: a pytree of arrays, what evaluation needs.
+        config: the run's configuration.
+
+    Raises:
+        UserError: if the disk is full or not writable.
+    """
+    final = path_of(directory, step)
+    partial = final.with_name(_PARTIAL + final.name)
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        _write_trees(partial, {STATE: state, POLICY: policy})
+        files = {str(path.relative_to(partial)): _fingerprint(path) for path in _files(partial)}
+        write_json(partial / MANIFEST, {"step": step, "config": to_dict(config), "files": files})
+        if final.exists():  # a damaged checkpoint of the same step, from which this run did not resume
+            shutil.rmtree(final)
+        partial.rename(final)
+        _sync(final.parent)
+    except OSError as error:
+        raise UserError(
+            f"cannot write the checkpoint {final}: {error.strerror or error}; make room or access"
+        ) from error
+    _prune(directory)
+    return final
+
+
+def restore(
+    directory: Path, template: Any, config: Config, say: Callable[[str], None], item: str = STATE
+) -> tuple[Any, int] | None:
+    """Reads the newest checkpoint that is whole.
+
+    Args:
+        directory: the run's.
+        template: a pytree of ShapeDtypeStruct with shardings, or of arrays, like what was saved.
+        config: the run's configuration.
+        say: told about checkpoints that were passed over.
+        item: STATE or POLICY.
+
+    Returns:
+        What was saved and the samples trained by then; None if there is no checkpoint.
+
+    Raises:
+        UserError: if a checkpoint is of another configuration, or all of them are damaged.
+    """
+    problems: list[str] = []
+    for step in steps(directory):
+        checkpoint = path_of(directory, step)
+        problem = damage(checkpoint, item)
+        if problem is None:
+            if problems:
+                say(f"{'; '.join(problems)}; going on from the one before it, at {step:,} samples")
+            _check_config(checkpoint, config)
+            return _read_tree(checkpoint / item, template), step
+        problems.append(problem)
+    if not problems:
+        return None
+    folder = directory / CHECKPOINTS
+    raise UserError(f"{'; '.join(problems)}; no whole checkpoint is left: delete {folder} to start again")
+
+
+def damage(checkpoint: Path, item: str) -> str | None:
+    """What is wrong with the files of a checkpoint, or None."""
+    try:
+        manifest = read_json(checkpoint / MANIFEST)
+        expected = {name: tuple(size_and_sum) for name, size_and_sum in manifest["files"].items()}
+    except (UserError, KeyError, TypeError, AttributeError, ValueError):
+        return f"checkpoint {checkpoint} is cut short (its {MANIFEST} is missing or damaged)"
+    for name, size_and_sum in expected.items():
+        if not name.startswith(item + "/"):
+            continue
+        path = checkpoint / name
+        if not path.is_file():
+            return f"checkpoint {checkpoint} is cut short ({name} is missing)"
+        if path.stat().st_size != size_and_sum[0]:
+            return f"checkpoint {checkpoint} is cut short ({name} has {path.stat().st_size} of {size_and_sum[0]} bytes)"
+        if _fingerprint(path) != size_and_sum:
+            return f"checkpoint {checkpoint} is damaged ({name} has changed)"
+    return None
+
+
+def _check_config(checkpoint: Path, config: Config) -> None:
+    saved = flatten(read_json(checkpoint / MANIFEST)["config"])
+    wanted = flatten(to_dict(config))
+    for key in sorted(saved.keys() | wanted.keys()):
+        if key != EXTENDABLE and saved.get(key) != wanted.get(key):
+            raise UserError(
+                f"checkpoint {checkpoint} is of another configuration: its {key} is {saved.get(key)}, the run's "
+                f"{wanted.get(key)}; remove it, or put back the run it belongs to"
+            )
+
+
+def _write_trees(folder: Path, trees: dict[str, Any]) -> None:
+    import orbax.checkpoint as ocp
+
+    with _quiet(), ocp.StandardCheckpointer() as checkpointer:
+        for name, tree in trees.items():
+            checkpointer.save((folder / name).absolute(), _by_name(tree))
+            checkpointer.wait_until_finished()
+
+
+def _read_tree(folder: Path, template: Any) -> Any:
+    import orbax.checkpoint as ocp
+
+    leaves, structure = jax.tree.flatten(template)
+    names = list(_by_name(template, empty=True))
+    target = jax.tree.map(ocp.utils.to_shape_dtype_struct, _by_name(template))
+    try:
+        with _quiet(), ocp.StandardCheckpointer() as checkpointer:
+            found = checkpointer.restore(folder.absolute(), target)
+        return jax.tree.unflatten(structure, [found.get(name, leaf) for name, leaf in zip(names, leaves, strict=True)])
+    except (ValueError, KeyError, TypeError) as error:
+        first = str(error).strip().splitlines()[0]
+        raise UserError(f"checkpoint {folder.parent} was written by another version of loco-mjx: {first}") from error
+
+
+def _by_name(tree: Any, empty: bool = False) -> dict[str, Any]:
+    """The leaves of a pytree by their path, such as `params.params.state_token.kernel`.
+
+    Args:
+        tree: of arrays, or shapes.
+        empty: take in arrays without elements, which Orbax refuses and which hold nothing to save.
+    """
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
+    named = {_name(path): leaf for path, leaf in leaves if empty or leaf.size}
+    return named
+
+
+def _name(path: Any) -> str:
+    return jax.tree_util.keystr(path, simple=True, separator=".").replace("/", ":")
+
+
+def _prune(directory: Path) -> None:
+    """Removes older checkpoints, and what kills have left behind. A name is taken away before the content."""
+    for step in steps(directory)[KEEP:]:
+        old = path_of(directory, step)
+        old.rename(old.with_name(_OLD + old.name))
+    for prefix in (_PARTIAL, _OLD):
+        for leftover in (directory / CHECKPOINTS).glob(prefix + "*"):
+            shutil.rmtree(leftover, ignore_errors=True)
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    return (path for path in sorted(folder.rglob("*")) if path.is_file())
+
+
+def _fingerprint(path: Path) -> tuple[int, int]:
+    """Size and CRC-32 of a file, which is on the disk by then."""
+    size, checksum = 0, 0
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
+        while block := file.read(_BLOCK):
+            size += len(block)
+            checksum = zlib.crc32(block, checksum)
+    return size, checksum
+
+
+def _sync(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+class _quiet:  # noqa: N801
+    """Keeps Orbax's log lines out of the terminal."""
+
+    def __enter__(self) -> None:
+        self._logger = logging.getLogger("absl")
+        self._level = self._logger.level
+        self._logger.setLevel(logging.ERROR)
+
+    def __exit__(self, *_: object) -> None:
+        self._logger.setLevel(self._level)

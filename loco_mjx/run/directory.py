@@ -1,0 +1,161 @@
+"""A run's directory: its configuration, what it ran with, and the refusal to mix two runs.
+
+- ``config.json``: the whole configuration
+- ``info.json``: versions, devices, commit and command of the first start, and of each resumption
+- ``metrics.csv``: the curves; tensorboard/ holds the same
+- ``checkpoints/``: the last two states (see loco_mjx/run/checkpoint.py)
+- ``evaluation/``: what `loco-mjx evaluate` found
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from loco_mjx.config import Config, from_dict, to_dict
+from loco_mjx.errors import UserError
+
+CONFIG, INFO, LOCK, PARTIAL = "config.json", "info.json", "lock", ".partial"
+EXTENDABLE = "ppo.total_steps"
+_BEFORE_CONFIG = (LOCK, INFO, INFO + PARTIAL, CONFIG + PARTIAL)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Writes a JSON file so that a kill at any moment leaves the old one or the new one.
+
+    Raises:
+        UserError: without write access.
+    """
+    partial = path.with_name(path.name + PARTIAL)
+    with _writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with partial.open("w") as file:
+            json.dump(content, file, indent=2)
+            file.write("\n")
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+
+
+def read_json(path: Path) -> Any:
+    """Reads a JSON file.
+
+    Raises:
+        UserError: if it cannot be read or is cut short.
+    """
+    try:
+        return json.loads(path.read_text())
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror or error}; a readable file is needed") from error
+    except ValueError as error:
+        raise UserError(f"{path} is not valid JSON ({error}); restore it, or use another directory") from error
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror or error}; choose a writable directory") from error
+
+
+def load_config(directory: Path) -> Config:
+    """The configuration of the run in a directory.
+
+    Raises:
+        UserError: if there is no run, or one that this version cannot read.
+    """
+    if not (directory / CONFIG).is_file():
+        raise UserError(f"no run in {directory} (it has no {CONFIG}); give a directory that `loco-mjx train` wrote")
+    values = read_json(directory / CONFIG)
+    if not isinstance(values, dict):
+        raise UserError(f"{directory / CONFIG} holds no configuration; restore it, or use another directory")
+    try:
+        return from_dict(Config, values)
+    except (UserError, TypeError, AttributeError) as error:
+        raise UserError(f"{directory / CONFIG} is of another version: {error}") from error
+
+
+def find(directory: Path) -> Config | None:
+    """The configuration of the run in a directory; None where a new run may start.
+
+    Raises:
+        UserError: if the directory holds something else, or is none.
+    """
+    if not directory.exists():
+        return None
+    if not directory.is_dir():
+        raise UserError(f"{directory} is a file; choose a directory for the run")
+    if (directory / CONFIG).exists():
+        return load_config(directory)
+    # A run killed before its configuration was written leaves only these.
+    foreign = sorted(entry.name for entry in directory.iterdir() if entry.name not in _BEFORE_CONFIG)
+    if foreign:
+        raise UserError(f"{directory} holds '{foreign[0]}' and no run; choose an empty or new directory")
+    return None
+
+
+def reconcile(directory: Path, found: Config, wanted: Config) -> None:
+    """Checks that a directory's run is the one that is wanted; only the total number of samples may differ.
+
+    Raises:
+        UserError: naming the first key that differs, with both values.
+    """
+    flat_found, flat_wanted = flatten(to_dict(found)), flatten(to_dict(wanted))
+    decays = found.ppo.learning_rate_decay
+    for key, value in flat_found.items():
+        if value == flat_wanted[key] or (key == EXTENDABLE and not decays):
+            continue
+        why = " (its learning rate decays over them)" if key == EXTENDABLE else ""
+        raise UserError(
+            f"{directory} holds another run: its {key} is {json.dumps(value)}{why}, asked for "
+            f"{json.dumps(flat_wanted[key])}; use the same options to resume it, or another --out"
+        )
+
+
+def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """A nested dictionary as one level, keys joined by dots; tuples become lists, as in JSON."""
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = list(value) if isinstance(value, tuple) else value
+    return flat
+
+
+@contextmanager
+def claim(directory: Path) -> Iterator[None]:
+    """Makes the directory and holds it for this process alone; the system lets go of it however the process ends.
+
+    Raises:
+        UserError: without write access, or if another process is training in it.
+    """
+    with _writing(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+        file = (directory / LOCK).open("w")
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UserError(f"another process is training in {directory}; choose another --out, or stop it") from None
+        yield
+
+
+def record_start(directory: Path, config: Config, about: dict[str, Any]) -> None:
+    """Writes the configuration and what the run runs with, before its first step; notes each resumption.
+
+    Args:
+        directory: the run's.
+        config: the whole configuration.
+        about: versions, devices, commit and command (see loco_mjx/run/about.py), with the step begun at.
+    """
+    info = read_json(directory / INFO) if (directory / INFO).exists() else None
+    info = about | {"resumed": []} if info is None else info | {"resumed": [*info.get("resumed", []), about]}
+    write_json(directory / INFO, info)
+    write_json(directory / CONFIG, to_dict(config))

@@ -1,0 +1,98 @@
+"""The curves of a run: `metrics.csv` and TensorBoard, without repeated steps after a resumption."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TextIO
+
+from loco_mjx.errors import UserError
+
+CSV, TENSORBOARD, STEP, SECONDS = "metrics.csv", "tensorboard", "step", "time/seconds"
+
+
+def read_rows(path: Path, up_to: int | None = None) -> list[dict[str, str]]:
+    """The rows of a metrics file; those that a kill cut short are left out.
+
+    Args:
+        path: of the file; none is an empty one.
+        up_to: leave out rows beyond this step.
+    """
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if None not in row.values() and None not in row]
+    rows = [row for row in rows if row.get(STEP, "").isdigit()]
+    return [row for row in rows if up_to is None or int(row[STEP]) <= up_to]
+
+
+class Logger:
+    """Writes one row per iteration.
+
+    Columns appear when a metric first does; rows without it leave it empty. Rows beyond the step resumed from are
+    dropped, from both the file and the curves, since they are about to be made again.
+    """
+
+    def __init__(self, directory: Path, step: int) -> None:
+        """Opens the curves of a run at the step it starts or resumes from.
+
+        Raises:
+            UserError: without write access.
+        """
+        from tensorboardX import SummaryWriter
+
+        self._path = directory / CSV
+        self._columns: list[str] = []
+        self._file: TextIO | None = None
+        try:
+            self._rows = read_rows(self._path, up_to=step)
+            self._rewrite(list(self._rows[0]) if self._rows else [STEP])
+            purge = step + 1 if step else None
+            self._curves = SummaryWriter(str(directory / TENSORBOARD), purge_step=purge)
+        except OSError as error:
+            raise UserError(f"cannot write {self._path}: {error.strerror or error}; choose another --out") from error
+
+    @property
+    def seconds(self) -> float:
+        """Time trained so far, over all starts, as the last row has it."""
+        return float(self._rows[-1].get(SECONDS) or 0.0) if self._rows else 0.0
+
+    def write(self, step: int, metrics: Mapping[str, float]) -> None:
+        """Appends a row."""
+        row = {STEP: str(step)} | {name: _number(value) for name, value in metrics.items()}
+        self._rows.append(row)
+        new = [name for name in row if name not in self._columns]
+        if new or self._file is None:
+            self._rewrite([*self._columns, *new])
+        else:
+            csv.DictWriter(self._file, self._columns, restval="").writerow(row)
+            self._file.flush()
+        for name, value in metrics.items():
+            self._curves.add_scalar(name, value, step)
+
+    def close(self) -> None:
+        """Flushes and closes the files."""
+        if self._file is not None:
+            self._file.close()
+        self._curves.close()
+
+    def _rewrite(self, columns: list[str]) -> None:
+        """Writes the whole file anew, under another name first, so that a kill loses nothing."""
+        partial = self._path.with_suffix(".csv.partial")
+        if self._file is not None:
+            self._file.close()
+        self._columns = columns
+        with partial.open("w", newline="") as file:
+            writer = csv.DictWriter(file, columns, restval="", extrasaction="ignore")
+            writer.writeheader()
+            writer.writerows(self._rows)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(self._path)
+        self._file = self._path.open("a", newline="")
+
+
+def _number(value: float) -> str:
+    return repr(float(value))

@@ -1,0 +1,69 @@
+"""The table a run starts with: what is observed, what is rewarded, how large everything is."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from loco_mjx.config import Config
+
+
+def print_summary(console: Console, config: Config, devices: dict[str, Any], parameters: int) -> None:
+    """Prints the active parts of a configuration.
+
+    Args:
+        console: to print to.
+        config: the run's.
+        devices: what :func:`loco_mjx.run.about.devices` returned.
+        parameters: number of the networks' parameters.
+    """
+    table = Table(title=f"{config.policy} on {config.env.task}, seed {config.seed}", title_justify="left")
+    table.add_column("part")
+    table.add_column("name")
+    table.add_column("size or weight", justify="right")
+    groups = (
+        ("observation", observations(config)),
+        ("reward", rewards(config)),
+        ("training", sizes(config, devices, parameters)),
+    )
+    for part, rows in groups:
+        for i, (name, value) in enumerate(rows):
+            table.add_row(part if i == 0 else "", name, value, end_section=i == len(rows) - 1)
+    console.print(table)
+
+
+def observations(config: Config) -> list[tuple[str, str]]:
+    """Every active part of the observation and its shape."""
+    from loco_mjx.env.observation import sensors
+
+    obs = config.env.observation
+    rows = [(f"state: {name}", f"{obs.state_frames} × {size}") for name, size in sensors(obs).items()]
+    rows += [("state: goal", "3")] if obs.goal else []
+    rows.append(("state", str(obs.state_size)))
+    if obs.depth.enabled:
+        rows.append(("pixels/depth", f"{obs.depth.height} × {obs.depth.width} × {obs.depth.frames}"))
+    return rows
+
+
+def rewards(config: Config) -> list[tuple[str, str]]:
+    """Every reward term with a weight, and its weight."""
+    weights = dataclasses.asdict(config.env.reward)
+    target = weights.pop("target_speed")
+    rows = [(name, f"{weight:g}") for name, weight in weights.items() if weight]
+    return rows + ([("cap on the forward speed", f"{target:g} m/s")] if target is not None else [])
+
+
+def sizes(config: Config, devices: dict[str, Any], parameters: int) -> list[tuple[str, str]]:
+    """Sizes of training."""
+    ppo = config.ppo
+    return [
+        ("devices", f"{devices['count']} × {devices['kind']}"),
+        ("environments × steps", f"{ppo.num_envs} × {ppo.unroll}"),
+        ("minibatch, epochs", f"{ppo.minibatch}, {ppo.epochs}"),
+        ("parameters", f"{parameters:,}"),
+        ("randomisation", "on" if config.env.randomization.enabled else "off"),
+        ("samples", f"{ppo.total_steps:,}"),
+    ]

@@ -1,0 +1,290 @@
+"""One function per task: a key in, one freshly drawn Scene out. Static shapes; batches come from ``jax.vmap``."""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jp
+
+from loco_mjx.scene import motion, terrain
+from loco_mjx.scene.surface import ground
+from loco_mjx.scene.types import OBSTACLE, STEP, WALL, Boxes, Cylinders, Scene, Spheres, Terrain
+
+GOAL_RADIUS = 0.8  # m, the red sphere on a summit
+WALL_X = (-15.0, 45.0)  # m, where walls begin and end
+THIN_COUNT = 50
+THIN_LOW, THIN_HIGH = (2.5, -3.0), (28.5, 3.0)  # m, rectangle of the centres
+THIN_DISTANCE = 1.0  # m between any two centres
+THIN_HALF = (0.18, 0.18, 0.7)  # m
+SPHERE_COUNT = 50
+SPHERE_RADIUS = 0.2  # m
+SPHERE_LOW, SPHERE_HIGH = (2.0, -2.2), (30.0, 2.2)  # m
+INDOOR_COUNT = 14
+TREE_COUNT = 50
+TREE_DISTANCE = 1.2  # m
+STEP_COUNT, STEP_RISE = 4, 0.10  # m
+CANDIDATES = 32  # darts thrown at once
+
+
+def make_boxes(
+    center: jax.Array,
+    half: jax.Array,
+    kind: int = OBSTACLE,
+    yaw: jax.Array | None = None,
+    velocity: jax.Array | None = None,
+) -> Boxes:
+    """Boxes of one kind, standing still and unturned unless said.
+
+    Args:
+        center: (N, 3) centres, m.
+        half: (N, 3) or (3,) half extents, m.
+        kind: OBSTACLE, WALL or STEP.
+        yaw: (N,) rotation about z, rad.
+        velocity: (N, 2) velocity, m/s.
+    """
+    count = center.shape[0]
+    return Boxes(
+        center=center.astype(jp.float32),
+        half=jp.broadcast_to(half, (count, 3)).astype(jp.float32),
+        yaw=jp.zeros((count,), jp.float32) if yaw is None else yaw,
+        velocity=jp.zeros((count, 2), jp.float32) if velocity is None else velocity,
+        kind=jp.full((count,), kind, jp.int32),
+    )
+
+
+def no_boxes() -> Boxes:
+    """Boxes with N = 0."""
+    return make_boxes(jp.zeros((0, 3), jp.float32), jp.zeros((0, 3), jp.float32))
+
+
+def no_spheres() -> Spheres:
+    """Spheres with S = 0."""
+    return Spheres(
+        center=jp.zeros((0, 3), jp.float32),
+        radius=jp.zeros((0,), jp.float32),
+        collected=jp.zeros((0,), bool),
+        reward=jp.zeros((0,), bool),
+    )
+
+
+def no_cylinders() -> Cylinders:
+    """Cylinders with C = 0."""
+    return Cylinders(
+        center=jp.zeros((0, 3), jp.float32), radius=jp.zeros((0,), jp.float32), half_height=jp.zeros((0,), jp.float32)
+    )
+
+
+def make_scene(
+    boxes: Boxes | None = None,
+    spheres: Spheres | None = None,
+    cylinders: Cylinders | None = None,
+    ground_field: Terrain | None = None,
+    goal: jax.Array | None = None,
+) -> Scene:
+    """A scene of the given parts; what is left out is empty, the ground is the plane z = 0."""
+    return Scene(
+        boxes=no_boxes() if boxes is None else boxes,
+        spheres=no_spheres() if spheres is None else spheres,
+        cylinders=no_cylinders() if cylinders is None else cylinders,
+        terrain=ground_field,
+        goal=jp.zeros((3,), jp.float32) if goal is None else goal,
+    )
+
+
+def join(first: Boxes, second: Boxes) -> Boxes:
+    """Both sets of boxes as one."""
+    return jax.tree.map(lambda a, b: jp.concatenate([a, b]), first, second)
+
+
+def walls(y: float, half_thickness: float, height: float) -> Boxes:
+    """Two walls along x, centred at ±y, from WALL_X[0] to WALL_X[1], standing on z = 0."""
+    middle, half_length = 0.5 * (WALL_X[0] + WALL_X[1]), 0.5 * (WALL_X[1] - WALL_X[0])
+    center = jp.array([[middle, -y, 0.5 * height], [middle, y, 0.5 * height]])
+    return make_boxes(center, jp.array([half_length, half_thickness, 0.5 * height]), WALL)
+
+
+def scatter(
+    key: jax.Array, count: int, low: tuple[float, float], high: tuple[float, float], distance: float
+) -> jax.Array:
+    """Points uniform over a rectangle with at least ``distance`` between any two (dart throwing).
+
+    A dart that lands too close to an earlier point is thrown again. ``count`` − 1 discs of radius ``distance`` have
+    less area than the rectangle, so there is always room for the next point: the loop ends with probability 1.
+
+    Args:
+        key: random key.
+        count: how many points.
+        low: smallest (x, y), m.
+        high: largest (x, y), m.
+        distance: smallest distance, m.
+
+    Returns:
+        (count, 2) points, m.
+
+    Raises:
+        ValueError: if the rectangle is too small to be sure of room for every point.
+    """
+    if (count - 1) * math.pi * distance**2 >= (high[0] - low[0]) * (high[1] - low[1]):
+        raise ValueError(f"{count} points {distance} m apart may not fit in {low} to {high}")
+
+    def throw(carry: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
+        key, placed, points = carry
+        key, dart_key = jax.random.split(key)
+        # dart = +U(low, high)
+        darts = jax.random.uniform(dart_key, (CANDIDATES, 2), minval=jp.array(low), maxval=jp.array(high))
+        dx = darts[:, None, 0] - points[None, :, 0]
+        dy = darts[:, None, 1] - points[None, :, 1]
+        fits = jp.all(dx * dx + dy * dy >= distance**2, axis=1)
+        here = (jp.arange(count) == placed) & jp.any(fits)
+        return key, placed + jp.any(fits), jp.where(here[:, None], darts[jp.argmax(fits)], points)
+
+    far_away = jp.full((count, 2), 1e6, jp.float32)
+    return jax.lax.while_loop(lambda carry: carry[1] < count, throw, (key, jp.int32(0), far_away))[2]
+
+
+def _thin_centers(key: jax.Array, height: float = THIN_HALF[2]) -> jax.Array:
+    """(50, 3) centres of the thin obstacles."""
+    xy = scatter(key, THIN_COUNT, THIN_LOW, THIN_HIGH, THIN_DISTANCE)
+    return jp.concatenate([xy, jp.full((THIN_COUNT, 1), height, jp.float32)], axis=1)
+
+
+def _thin_walls() -> Boxes:
+    return walls(3.1, half_thickness=0.106, height=4.2)
+
+
+def thin(key: jax.Array) -> Scene:
+    """50 pillars, 1.4 m tall, scattered between two walls."""
+    obstacles = make_boxes(_thin_centers(key), jp.array(THIN_HALF))
+    return make_scene(join(obstacles, _thin_walls()))
+
+
+def wide(key: jax.Array) -> Scene:
+    """23 wide blocks, 1 m tall, in a fixed pattern with jitter, between two walls."""
+    pattern = [(3.0, -0.75), (3.0, 0.75)]
+    pattern += [(6.0 + 7.0 * i, 0.0) for i in range(7)]
+    pattern += [(9.0 + 7.0 * i, side) for i in range(7) for side in (-1.3, 1.3)]
+    half = jp.array([(0.25, 0.4, 0.5)] * 2 + [(0.25, 0.8, 0.5)] * 21)
+    # jitter = +U(-0.1, 0.1) m in x, +U(-0.4, 0.4) m in y
+    jitter = jax.random.uniform(key, (len(pattern), 2), minval=-1.0, maxval=1.0) * jp.array([0.1, 0.4])
+    xy = jp.array(pattern) + jitter
+    center = jp.concatenate([xy, jp.full((len(pattern), 1), 0.5)], axis=1)
+    return make_scene(join(make_boxes(center, half), walls(2.3, half_thickness=0.25, height=1.0)))
+
+
+def _collectable(key: jax.Array) -> Spheres:
+    """50 spheres to collect, resting on z = 0."""
+    # centre = +U(SPHERE_LOW, SPHERE_HIGH)
+    xy = jax.random.uniform(key, (SPHERE_COUNT, 2), minval=jp.array(SPHERE_LOW), maxval=jp.array(SPHERE_HIGH))
+    return Spheres(
+        center=jp.concatenate([xy, jp.full((SPHERE_COUNT, 1), SPHERE_RADIUS)], axis=1),
+        radius=jp.full((SPHERE_COUNT,), SPHERE_RADIUS, jp.float32),
+        collected=jp.zeros((SPHERE_COUNT,), bool),
+        reward=jp.ones((SPHERE_COUNT,), bool),
+    )
+
+
+def thin_sphere(key: jax.Array) -> Scene:
+    """``thin`` with 50 spheres to collect."""
+    layout_key, sphere_key = jax.random.split(key)
+    return thin(layout_key).replace(spheres=_collectable(sphere_key))
+
+
+def wide_sphere(key: jax.Array) -> Scene:
+    """``wide`` with 50 spheres to collect."""
+    layout_key, sphere_key = jax.random.split(key)
+    return wide(layout_key).replace(spheres=_collectable(sphere_key))
+
+
+def moving(key: jax.Array) -> Scene:
+    """``thin`` with every pillar translating (see loco_mjx/scene/motion.py)."""
+    layout_key, direction_key = jax.random.split(key)
+    scene = thin(layout_key)
+    obstacle = (scene.boxes.kind == OBSTACLE)[:, None]
+    velocity = jp.where(obstacle, motion.draw_velocity(direction_key, scene.boxes.count), 0.0)
+    return scene.replace(boxes=scene.boxes.replace(velocity=velocity))
+
+
+def heightfield(key: jax.Array) -> Scene:
+    """``thin`` on uneven ground."""
+    layout_key, terrain_key = jax.random.split(key)
+    return thin(layout_key).replace(terrain=terrain.uneven(terrain_key))
+
+
+def random_shape(key: jax.Array) -> Scene:
+    """``thin`` with every pillar's size drawn."""
+    layout_key, side_key, height_key = jax.random.split(key, 3)
+    # half x, half y = +U(0.163, 0.52) m
+    sides = jax.random.uniform(side_key, (THIN_COUNT, 2), minval=0.163, maxval=0.52)
+    # half z = +U(0.45, 0.95) m
+    tall = jax.random.uniform(height_key, (THIN_COUNT, 1), minval=0.45, maxval=0.95)
+    center = jp.concatenate([_thin_centers(layout_key)[:, :2], tall], axis=1)
+    return make_scene(join(make_boxes(center, jp.concatenate([sides, tall], axis=1)), _thin_walls()))
+
+
+def indoor(key: jax.Array) -> Scene:
+    """A corridor, 3 m wide, with 14 turned cartons and cabinets in the way; a robot fits past every one."""
+    place_key, size_key, yaw_key = jax.random.split(key, 3)
+    row = 3.0 + 1.8 * jp.arange(INDOOR_COUNT)
+    # offset = +U(-0.2, 0.2) m in x, +U(-1.1, 1.1) m in y
+    offset = jax.random.uniform(place_key, (INDOOR_COUNT, 2), minval=-1.0, maxval=1.0) * jp.array([0.2, 1.1])
+    # half = +U((0.15, 0.15, 0.2), (0.3, 0.4, 0.6)) m
+    low, high = jp.array([0.15, 0.15, 0.2]), jp.array([0.3, 0.4, 0.6])
+    half = jax.random.uniform(size_key, (INDOOR_COUNT, 3), minval=low, maxval=high)
+    # yaw = +U(-0.5, 0.5) rad
+    yaw = jax.random.uniform(yaw_key, (INDOOR_COUNT,), minval=-0.5, maxval=0.5)
+    center = jp.stack([row + offset[:, 0], offset[:, 1], half[:, 2]], axis=1)
+    return make_scene(join(make_boxes(center, half, yaw=yaw), walls(1.6, half_thickness=0.1, height=2.4)))
+
+
+def forest(key: jax.Array) -> Scene:
+    """50 trees on rough, sloped ground with potholes."""
+    place_key, radius_key, terrain_key = jax.random.split(key, 3)
+    floor = terrain.forest_floor(terrain_key)
+    xy = scatter(place_key, TREE_COUNT, (2.5, -5.0), (28.5, 5.0), TREE_DISTANCE)
+    # radius = +U(0.1, 0.2) m
+    radius = jax.random.uniform(radius_key, (TREE_COUNT,), minval=0.1, maxval=0.2)
+    root, _, _ = ground(floor, xy[:, 0], xy[:, 1])
+    half_height = jp.full((TREE_COUNT,), 1.5, jp.float32)
+    center = jp.stack([xy[:, 0], xy[:, 1], root + half_height - 0.4], axis=1)  # 0.4 m of trunk in the ground
+    return make_scene(cylinders=Cylinders(center, radius, half_height), ground_field=floor)
+
+
+def _summit(field: Terrain, goal: jax.Array) -> Scene:
+    """A terrain with its goal marked by a sphere that is seen and never collected."""
+    marker = Spheres(
+        center=goal[None, :],
+        radius=jp.full((1,), GOAL_RADIUS, jp.float32),
+        collected=jp.zeros((1,), bool),
+        reward=jp.zeros((1,), bool),
+    )
+    return make_scene(spheres=marker, ground_field=field, goal=goal)
+
+
+def mountain(key: jax.Array) -> Scene:
+    """A rugged mountain: its foot at the start, the goal on the summit."""
+    return _summit(*terrain.mountain(key))
+
+
+def hill(key: jax.Array) -> Scene:
+    """Rolling hills, the goal on top of the highest."""
+    return _summit(*terrain.hill(key))
+
+
+def stairs(key: jax.Array) -> Scene:
+    """Four steps up, a plateau, four steps down: nested slabs that reach well below the ground.
+
+    A slab's bottom is far below, so that a foot pressed into a riser is pushed back along x, never down.
+    """
+    start_key, run_key, plateau_key = jax.random.split(key, 3)
+    # first riser = +U(1.75, 2.25) m, depth of a step = +U(0.40, 0.48) m, plateau = +U(3.5, 4.5) m
+    start = jax.random.uniform(start_key, minval=1.75, maxval=2.25)
+    run = jax.random.uniform(run_key, minval=0.40, maxval=0.48)
+    plateau = jax.random.uniform(plateau_key, minval=3.5, maxval=4.5)
+    level = jp.arange(STEP_COUNT)
+    half_x = 0.5 * plateau + run * (STEP_COUNT - 1 - level)
+    middle = start + run * (STEP_COUNT - 1) + 0.5 * plateau
+    top, bottom = STEP_RISE * (level + 1), -0.4
+    center = jp.stack([jp.full((STEP_COUNT,), middle), jp.zeros((STEP_COUNT,)), 0.5 * (top + bottom)], axis=1)
+    half = jp.stack([half_x, jp.full((STEP_COUNT,), 25.0), 0.5 * (top - bottom)], axis=1)
+    return make_scene(make_boxes(center, half, STEP))

@@ -1,0 +1,79 @@
+from dataclasses import dataclass, field
+from typing import Literal
+
+import pytest
+
+from loco_mjx.cli.parse import parse
+from loco_mjx.errors import UserError
+
+
+@dataclass(frozen=True)
+class Inner:
+    rate: float = 0.1
+    sizes: tuple[float, float] = (1.0, 2.0)
+    learning_rate: float = 1.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """Does things."""
+
+    task: str = "thin"
+    count: int = 1
+    side: Literal[1, 2] = 1
+    json: bool = False
+    inner: Inner = field(default_factory=Inner)
+
+
+def read(*args, default=None):
+    return parse(Options, args, "loco-mjx do", default)
+
+
+def complaint(*args):
+    with pytest.raises(UserError) as error:
+        read(*args)
+    assert "\n" not in str(error.value) and "│" not in str(error.value)
+    return str(error.value)
+
+
+def test_values_types_and_nesting():
+    found = read("--task", "wide", "--count=3", "--json", "--inner.sizes", "3", "4", "--inner.learning_rate", "1e-4")
+    assert found == Options("wide", 3, 1, True, Inner(0.1, (3.0, 4.0), 1e-4))
+
+
+def test_defaults_come_from_the_instance_given():
+    assert read("--count", "5", default=Options(task="mountain")) == Options(task="mountain", count=5)
+
+
+def test_a_typo_names_the_nearest_option_and_what_is_accepted():
+    said = complaint("--tsk", "thin")
+    assert "unknown option '--tsk'" in said and "did you mean '--task'?" in said and "--count" in said
+    assert "'--inner.learning-rate'?" in complaint("--inner.learnin-rate", "3")
+    assert "--json" in complaint("--frobnicate") and "did you mean" not in complaint("--frobnicate")
+
+
+def test_a_key_without_its_group_is_found():
+    assert "did you mean '--inner.learning-rate'?" in complaint("--learning-rate", "3")
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (("--count", "many"), ("--count", "many")),
+        (("--count",), ("--count", "Missing value")),
+        (("--inner.sizes", "1"), ("--inner.sizes", "2 values")),
+        (("--side", "3"), ("--side", "'3'", "'1', '2'")),
+        (("stray",), ("unexpected word 'stray'", "--task")),
+        (("--count", "1", "2"), ("unexpected word '2'",)),
+    ],
+)
+def test_what_is_wrong_is_named(args, words):
+    said = complaint(*args)
+    assert all(word in said for word in words), said
+
+
+def test_help_is_printed_and_is_no_error(capsys):
+    with pytest.raises(SystemExit) as stop:
+        read("--help")
+    assert stop.value.code in (0, None)
+    assert "--inner.learning-rate" in capsys.readouterr().out

@@ -1,0 +1,155 @@
+import json
+import os
+import signal
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from loco_mjx.cli import train
+from loco_mjx.cli.main import main
+from loco_mjx.run import checkpoint, start
+from tests.run.tiny import Interrupted, tiny_trainer
+
+SMALL = [
+    *("--policy", "state-only", "--preset", "paper", "--num-envs", "4", "--ppo.unroll", "8", "--ppo.minibatch", "16"),
+    *("--ppo.epochs", "2", "--ppo.pool-size", "4", "--ppo.pool-refresh", "2", "--network.state-only-hidden", "8", "8"),
+    *("--evaluations", "0", "--ppo.learning-rate-decay", "False"),
+]
+RUN = ["train", *SMALL, "--total-steps", "192"]
+
+
+@pytest.fixture(autouse=True)
+def tiny(monkeypatch, tmp_path):
+    """The real command in an empty directory, with a tiny environment in place of the robot."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(start, "build", tiny_trainer)
+
+
+def refused(capsys, *args):
+    """Runs a command that must be refused; returns its one line."""
+    assert main(args) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1, lines
+    return lines[0]
+
+
+BAD = {
+    "verb": (["trian"], ["'trian'", "'train'", "evaluate"]),
+    "task": (["train", "--task", "thinn"], ["task 'thinn'", "'thin'", "mountain"]),
+    "policy": (["train", "--policy", "loco-tranformer"], ["policy", "'loco-transformer'", "state-only"]),
+    "preset": (["train", "--preset", "papr"], ["preset 'papr'", "'paper'", "fast"]),
+    "preset=": (["train", "--preset=papr"], ["preset 'papr'", "'paper'", "fast"]),
+    "option": (["train", "--sed", "3"], ["'--sed'", "'--seed'"]),
+    "key": (["train", "--ppo.clipp", "3"], ["'--ppo.clipp'", "'--ppo.clip'", "--ppo.epochs"]),
+    "value": (["train", "--seed", "x"], ["--seed", "x"]),
+    "minibatch": ([*RUN, "--ppo.minibatch", "5"], ["ppo.minibatch 5", "32 samples"]),
+    "none": ([*RUN, "--num-envs", "0"], ["ppo.num_envs is 0", "1 or more"]),
+    "negative": ([*RUN, "--total-steps", "-5"], ["ppo.total_steps is -5", "1 or more"]),
+    "tokens": (["train", "--network.tokens-per-side", "3"], ["--network.tokens-per-side", "'3'"]),
+    "no depth": (["train", "--env.observation.depth.enabled", "False"], ["depth", "loco-transformer"]),
+    "file": ([*RUN, "--out", "/dev/null"], ["/dev/null is a file"]),
+    "access": ([*RUN, "--out", "/proc/run"], ["cannot write /proc/run"]),
+    "below a file": ([*RUN, "--out", "/dev/null/run"], ["cannot write /dev/null/run"]),
+}
+
+
+@pytest.mark.parametrize(("args", "words"), BAD.values(), ids=BAD.keys())
+def test_a_mistake_is_one_line_and_nothing_is_written(args, words, capsys, tmp_path):
+    said = refused(capsys, *args)
+    assert all(word in said for word in words), said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_foreign_directory_is_left_alone(capsys, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "data.txt").write_text("precious")
+    assert "data.txt" in refused(capsys, *RUN, "--out", "mine")
+    assert [entry.name for entry in (tmp_path / "mine").iterdir()] == ["data.txt"]
+
+
+def test_a_directory_of_another_run_is_left_alone(capsys, tmp_path):
+    assert main([*RUN, "--out", "run"]) == 0
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    capsys.readouterr()
+    said = refused(capsys, *RUN, "--out", "run", "--env.reward.alive", "0.5")
+    assert "env.reward.alive is 0.1, asked for 0.5" in said
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_ctrl_c_saves_says_how_to_go_on_and_that_ends_like_an_uninterrupted_run(capsys, tmp_path, monkeypatch):
+    assert main([*RUN, "--out", "whole"]) == 0
+    interrupt = lambda: os.kill(os.getpid(), signal.SIGINT)  # noqa: E731
+    monkeypatch.setattr(sys, "argv", ["/somewhere/loco-mjx"])
+    with monkeypatch.context() as patch:
+        patch.setattr(start, "build", lambda config: Interrupted(tiny_trainer(config), 3, interrupt))
+        capsys.readouterr()
+        assert main([*RUN, "--out", "parts"]) == 130
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == "saved at 96 samples; to go on: /somewhere/loco-mjx " + " ".join([*RUN, "--out", "parts"])
+
+    assert main(last.partition("loco-mjx ")[2].split()) == 0
+    states = []
+    for name in ("whole", "parts"):
+        config = train.configuration(train.read([*RUN[1:], "--out", name]))
+        trainer = tiny_trainer(config)
+        states.append(checkpoint.restore(tmp_path / name, trainer.init(), config, print))
+    assert states[0][1] == states[1][1] == 192
+    for a, b in zip(*(jax.tree.leaves(state) for state, _ in states), strict=True):
+        np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
+
+
+def test_a_finished_run_says_so_and_can_be_extended(capsys, tmp_path):
+    assert main(RUN) == 0
+    assert "finished: 192 samples" in capsys.readouterr().out
+    assert main(RUN) == 0
+    assert "is finished" in capsys.readouterr().out
+    assert main([*RUN[:-1], "256"]) == 0
+    assert "resuming at 192 samples" in capsys.readouterr().out
+    folder = tmp_path / "runs" / "thin" / "state-only" / "seed0"
+    assert checkpoint.steps(folder)[0] == 256
+    info = json.loads((folder / "info.json").read_text())
+    assert info["samples"] == 0 and info["resumed"][0]["samples"] == 192
+    assert info["command"][:2] == ["loco-mjx", "train"]
+
+
+def test_a_run_is_resumed_to_its_own_length_where_none_is_given(capsys, tmp_path):
+    assert main(RUN) == 0
+    capsys.readouterr()
+    assert main(RUN[:-2]) == 0
+    assert "is finished" in capsys.readouterr().out
+
+
+def test_the_policy_decides_whether_depth_is_rendered():
+    blind = train.configuration(train.read(["--policy", "state-only"]))
+    seeing = train.configuration(train.read(["--policy", "depth-only"]))
+    assert not blind.env.observation.depth.enabled and seeing.env.observation.depth.enabled
+
+
+def test_the_preset_gives_the_defaults_and_options_override_it():
+    paper = train.configuration(train.read(["--preset", "paper", "--ppo.clip", "0.3", "--task", "wide", "--seed", "4"]))
+    assert (paper.ppo.learning_rate, paper.ppo.epochs, paper.ppo.clip) == (1e-4, 3, 0.3)
+    assert (paper.env.task, paper.seed) == ("wide", 4)
+    fast = train.configuration(train.read([]))
+    assert fast.env.action.scale == (0.2, 0.5, 0.5)
+
+
+def test_without_a_budget_a_cpu_gets_one_of_minutes_and_is_told_what_all_would_take(capsys, monkeypatch):
+    from loco_mjx.run import machine
+
+    monkeypatch.setattr(machine, "cores", lambda: 2)
+    config = train.configuration(train.read(["--policy", "state-only"]))
+    total = train.default_total(config)
+    assert total < config.ppo.total_steps and total % 100_000 == 0
+    said = capsys.readouterr().out
+    assert f"{total:,}" in said and "15,000,000 would take" in said
+    monkeypatch.setattr(machine, "on_cpu", lambda: False)
+    assert train.default_total(config) == config.ppo.total_steps
+
+
+def test_the_start_shows_what_is_observed_rewarded_and_how_large_it_is(capsys):
+    assert main(RUN) == 0
+    page = capsys.readouterr().out
+    for word in ("state: imu", "93", "forward", "parameters", "4 × 8"):
+        assert word in page

@@ -1,0 +1,163 @@
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax.numpy as jp
+import numpy as np
+import pytest
+
+from loco_mjx.config import preset
+from loco_mjx.errors import UserError
+from loco_mjx.run import checkpoint
+
+CONFIG = preset("fast")
+
+
+def tree(value):
+    return {"a": jp.full((3, 4), value, jp.float32), "empty": jp.zeros((0, 3)), "nested/x": {"n": jp.int32(value)}}
+
+
+def save(directory, *steps):
+    for step in steps:
+        checkpoint.save(directory, step, tree(step), {"params": tree(step)}, CONFIG)
+
+
+def restore(directory, config=CONFIG):
+    said = []
+    found = checkpoint.restore(directory, tree(0), config, said.append)
+    return found, said
+
+
+def largest_file(folder: Path) -> Path:
+    return max((path for path in folder.rglob("*") if path.is_file()), key=lambda path: path.stat().st_size)
+
+
+def test_what_is_saved_comes_back_with_types_and_shapes(tmp_path):
+    save(tmp_path, 7)
+    (state, step), said = restore(tmp_path)
+    assert step == 7 and said == []
+    np.testing.assert_array_equal(state["a"], np.full((3, 4), 7, np.float32))
+    assert state["empty"].shape == (0, 3)
+    assert state["nested/x"]["n"].dtype == jp.int32 and int(state["nested/x"]["n"]) == 7
+
+
+def test_nothing_saved_is_nothing_restored(tmp_path):
+    assert restore(tmp_path) == (None, [])
+
+
+def test_the_last_two_are_kept(tmp_path):
+    save(tmp_path, 1, 2, 3)
+    assert checkpoint.steps(tmp_path) == [3, 2]
+    assert sorted(entry.name for entry in (tmp_path / "checkpoints").iterdir()) == ["000000000002", "000000000003"]
+
+
+@pytest.mark.parametrize("harm", ["truncate", "delete", "flip", "manifest"])
+def test_a_damaged_checkpoint_is_named_and_the_one_before_it_used(tmp_path, harm):
+    save(tmp_path, 1, 2)
+    newest = checkpoint.path_of(tmp_path, 2)
+    victim = newest / "manifest.json" if harm == "manifest" else largest_file(newest / "state")
+    content = victim.read_bytes()
+    if harm == "delete":
+        victim.unlink()
+    elif harm == "flip":
+        victim.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    else:
+        victim.write_bytes(content[: len(content) // 2])
+    (state, step), said = restore(tmp_path)
+    assert step == 1 and float(state["a"][0, 0]) == 1.0
+    assert len(said) == 1 and "000000000002" in said[0] and ("cut short" in said[0] or "damaged" in said[0])
+
+
+def test_one_clear_line_where_no_whole_checkpoint_is_left(tmp_path):
+    save(tmp_path, 1)
+    largest_file(checkpoint.path_of(tmp_path, 1) / "state").unlink()
+    with pytest.raises(UserError, match="cut short .* delete .* to start again"):
+        restore(tmp_path)
+
+
+def test_damage_to_the_state_does_not_keep_the_policy_from_being_read(tmp_path):
+    save(tmp_path, 1)
+    largest_file(checkpoint.path_of(tmp_path, 1) / "state").unlink()
+    policy, step = checkpoint.restore(tmp_path, {"params": tree(0)}, CONFIG, print, checkpoint.POLICY)
+    assert step == 1 and float(policy["params"]["a"][0, 0]) == 1.0
+
+
+def test_a_checkpoint_of_another_configuration_is_refused(tmp_path):
+    save(tmp_path, 1)
+    other = dataclasses.replace(CONFIG, network=dataclasses.replace(CONFIG.network, layers=1))
+    with pytest.raises(UserError, match=r"another configuration: its network\.layers is 2, the run's 1"):
+        restore(tmp_path, other)
+
+
+def test_more_samples_are_the_same_configuration(tmp_path):
+    save(tmp_path, 1)
+    longer = dataclasses.replace(CONFIG, ppo=dataclasses.replace(CONFIG.ppo, total_steps=99))
+    assert restore(tmp_path, longer)[0][1] == 1
+
+
+def test_arrays_of_another_shape_are_another_version(tmp_path):
+    save(tmp_path, 1)
+    with pytest.raises(UserError, match="another version"):
+        checkpoint.restore(tmp_path, tree(0) | {"a": jp.zeros((5, 5))}, CONFIG, print)
+
+
+class Killed(BaseException):
+    pass
+
+
+@pytest.mark.parametrize("moment", ["_write_trees", "write_json", "_sync", "_prune"])
+def test_a_kill_at_any_stage_of_a_save_leaves_a_good_one(tmp_path, monkeypatch, moment):
+    save(tmp_path, 1, 2)
+
+    def die(*_):
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint, moment, die)
+        with pytest.raises(Killed):
+            save(tmp_path, 3)
+    (state, step), said = restore(tmp_path)
+    assert step == (2 if moment in ("_write_trees", "write_json") else 3) and said == []
+    assert float(state["a"][0, 0]) == step
+    save(tmp_path, 4)  # and what was left behind is in nobody's way
+    assert checkpoint.steps(tmp_path)[0] == 4
+    assert len(list((tmp_path / "checkpoints").iterdir())) == 2
+
+
+CHILD = """
+import sys
+from pathlib import Path
+import jax.numpy as jp
+from loco_mjx.run import checkpoint
+from loco_mjx.config import preset
+
+directory, config = Path(sys.argv[1]), preset("fast")
+def tree(step):
+    return {"a": jp.full((512, 512), step, jp.float32), "b": [jp.full((64, i), step) for i in range(1, 20)]}
+found = checkpoint.restore(directory, tree(0), config, print)
+step = found[1] if found else 0
+while True:
+    step += 1
+    checkpoint.save(directory, step, tree(step), {"a": jp.full(4, step)}, config)
+    print(step, flush=True)
+"""
+
+
+def test_kill_9_while_saving_leaves_a_loadable_run(tmp_path):
+    root, last = Path(__file__).parents[2], 0
+    rng = np.random.default_rng(0)
+    template = {"a": jp.zeros((512, 512)), "b": [jp.zeros((64, i)) for i in range(1, 20)]}
+    for _ in range(4):
+        child = subprocess.Popen([sys.executable, "-c", CHILD, str(tmp_path)], cwd=root, stdout=subprocess.PIPE)
+        assert child.stdout.readline().strip().isdigit()  # it saves without a pause from now on
+        time.sleep(rng.uniform(0.0, 0.3))
+        os.kill(child.pid, signal.SIGKILL)
+        child.communicate()
+        state, step = checkpoint.restore(tmp_path, template, CONFIG, print)
+        assert step > last
+        assert all(np.all(np.asarray(leaf) == step) for leaf in [state["a"], *state["b"]])
+        last = step

@@ -1,0 +1,101 @@
+import dataclasses
+import json
+
+import pytest
+
+from loco_mjx.config import to_dict
+from loco_mjx.errors import UserError
+from loco_mjx.run import about, directory
+from tests.run.tiny import tiny_config
+
+
+def start(path, config, **facts):
+    with directory.claim(path):
+        directory.record_start(path, config, facts)
+
+
+def test_a_new_run_records_its_whole_configuration(tmp_path):
+    config, path = tiny_config(), tmp_path / "a" / "b"
+    assert directory.find(path) is None
+    start(path, config, commit="abc")
+    assert directory.find(path) == config
+    assert json.loads((path / "config.json").read_text()) == json.loads(json.dumps(to_dict(config)))
+    assert json.loads((path / "info.json").read_text()) == {"commit": "abc", "resumed": []}
+
+
+def test_resumptions_are_noted_beside_the_first_start(tmp_path):
+    for commit in "abc":
+        start(tmp_path, tiny_config(), commit=commit)
+    info = json.loads((tmp_path / "info.json").read_text())
+    assert info == {"commit": "a", "resumed": [{"commit": "b"}, {"commit": "c"}]}
+
+
+def test_a_directory_with_anything_else_in_it_is_refused(tmp_path):
+    (tmp_path / "thesis.tex").write_text("")
+    with pytest.raises(UserError, match=r"holds 'thesis.tex' and no run"):
+        directory.find(tmp_path)
+
+
+def test_what_a_kill_before_the_configuration_leaves_is_not_foreign(tmp_path):
+    with directory.claim(tmp_path):
+        (tmp_path / "info.json").write_text("{}")
+        (tmp_path / "config.json.partial").write_text("{")
+    assert directory.find(tmp_path) is None
+
+
+def test_a_file_is_no_directory(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="is a file"):
+        directory.find(tmp_path / "file")
+
+
+def test_the_first_difference_is_named_with_both_values(tmp_path):
+    config = tiny_config()
+    reward = dataclasses.replace(config.env.reward, alive=0.25)
+    other = dataclasses.replace(config, env=dataclasses.replace(config.env, reward=reward))
+    with pytest.raises(UserError, match=r"its env\.reward\.alive is 0\.1, asked for 0\.25"):
+        directory.reconcile(tmp_path, config, other)
+
+
+def test_a_run_may_be_extended_unless_its_learning_rate_decays(tmp_path):
+    directory.reconcile(tmp_path, tiny_config(6), tiny_config(7))
+    with pytest.raises(UserError, match=r"ppo\.total_steps is 192 \(its learning rate decays"):
+        directory.reconcile(tmp_path, tiny_config(6, learning_rate_decay=True), tiny_config(7, learning_rate_decay=True))
+
+
+@pytest.mark.parametrize("content", ["", '{"policy": "state-', "[]", '{"policy": "state-only"}', '{"env": 3}'])
+def test_a_damaged_configuration_is_one_clear_line(tmp_path, content):
+    (tmp_path / "config.json").write_text(content)
+    with pytest.raises(UserError, match="config.json") as error:
+        directory.find(tmp_path)
+    assert "\n" not in str(error.value)
+
+
+def test_one_process_at_a_time(tmp_path):
+    with directory.claim(tmp_path), pytest.raises(UserError, match="another process"), directory.claim(tmp_path):
+        pass
+    with directory.claim(tmp_path):  # and it is let go of
+        pass
+
+
+@pytest.mark.parametrize("place", ["/proc/run", "/dev/null/run"])
+def test_without_write_access_the_path_is_named(place):
+    with pytest.raises(UserError, match=f"cannot write {place}"), directory.claim(directory.Path(place)):
+        pass
+
+
+def test_json_is_replaced_in_one_go(tmp_path, monkeypatch):
+    path = tmp_path / "x.json"
+    directory.write_json(path, {"old": 1})
+    with pytest.raises(TypeError):
+        directory.write_json(path, {"new": object()})
+    assert json.loads(path.read_text()) == {"old": 1}
+
+
+def test_about_names_versions_devices_and_commit():
+    found = about.about(["loco-mjx", "train"])
+    assert set(found["versions"]) >= {"python", "jax", "mujoco", "mujoco-mjx", "flax", "optax", "brax", "loco-mjx"}
+    assert "not installed" not in found["versions"].values()
+    assert found["devices"]["count"] >= 1
+    assert set(found["git"]) == {"commit", "dirty"}
+    assert found["command"] == ["loco-mjx", "train"]

@@ -1,0 +1,143 @@
+import csv
+import io
+import os
+import signal
+
+import jax
+import jax.numpy as jp
+import numpy as np
+import pytest
+from rich.console import Console
+
+from loco_mjx.errors import UserError
+from loco_mjx.run import checkpoint, loop
+from loco_mjx.run.progress import Reporter
+from tests.run.tiny import Interrupted, tiny_config, tiny_trainer
+
+EVERY = loop.LoopOptions(checkpoint_minutes=0.0, evaluations=0)
+AT_THE_END = loop.LoopOptions(checkpoint_minutes=60.0, evaluations=0)
+
+
+@pytest.fixture(scope="module")
+def trainer():
+    return tiny_trainer(tiny_config())
+
+
+@pytest.fixture
+def reporter():
+    return Reporter(Console(file=io.StringIO()), 192, 0)
+
+
+def rows(directory):
+    with (directory / "metrics.csv").open() as file:
+        return [{k: v for k, v in row.items() if not k.startswith("time/")} for row in csv.DictReader(file)]
+
+
+def final_state(trainer, directory, config):
+    state, samples = checkpoint.restore(directory, trainer.init(), config, print)
+    return jax.tree.map(np.asarray, state), samples
+
+
+def same(a, b):
+    return all(np.array_equal(x, y, equal_nan=True) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
+
+
+class Killed(BaseException):
+    """Stands for a kill: nothing catches it."""
+
+
+def die():
+    raise Killed
+
+
+def test_resuming_gives_bit_for_bit_what_an_uninterrupted_run_gives(tmp_path, trainer, reporter):
+    config, whole, parts = tiny_config(), tmp_path / "whole", tmp_path / "parts"
+    whole.mkdir(), parts.mkdir()
+    loop.run(trainer, config, whole, AT_THE_END, reporter)
+
+    with pytest.raises(Killed):  # after 3 iterations and their checkpoint, within a pool's life
+        loop.run(Interrupted(trainer, 4, die), config, parts, EVERY, reporter)
+    assert checkpoint.steps(parts) == [96, 64]
+    outcome = loop.run(trainer, config, parts, EVERY, reporter)
+
+    assert outcome == loop.Outcome(samples=192, signal=None)
+    expected, samples = final_state(trainer, whole, config)
+    resumed, resumed_samples = final_state(trainer, parts, config)
+    assert samples == resumed_samples == int(expected.samples) == 192
+    assert same(expected, resumed)
+    assert not same(expected.params, jax.tree.map(np.asarray, trainer.init().params))
+    assert rows(parts) == rows(whole)
+    assert [int(row["step"]) for row in rows(parts)] == [32, 64, 96, 128, 160, 192]
+
+
+def test_rows_after_the_checkpoint_are_made_again_once(tmp_path, trainer, reporter):
+    config = tiny_config()
+    with pytest.raises(Killed):  # checkpoints at 32, 64, 96; then the last one is lost: rows up to 96 stand
+        loop.run(Interrupted(trainer, 4, die), config, tmp_path, EVERY, reporter)
+    before = rows(tmp_path)
+    with (tmp_path / "metrics.csv").open("a") as file:
+        file.write("128,0.5")  # a row that the kill cut short
+    manifest = checkpoint.path_of(tmp_path, 96) / "manifest.json"
+    manifest.write_text(manifest.read_text()[:100])
+    loop.run(trainer, config, tmp_path, AT_THE_END, reporter)
+    assert [int(row["step"]) for row in rows(tmp_path)] == [32, 64, 96, 128, 160, 192]
+    assert rows(tmp_path)[:3] == before
+
+
+def test_a_signal_saves_after_the_iteration_and_stops(tmp_path, trainer, reporter):
+    config = tiny_config()
+    stopped = Interrupted(trainer, 2, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    handler = signal.getsignal(signal.SIGTERM)
+    assert loop.run(stopped, config, tmp_path, AT_THE_END, reporter) == loop.Outcome(64, signal.SIGTERM)
+    assert checkpoint.steps(tmp_path) == [64]
+    assert signal.getsignal(signal.SIGTERM) is handler
+
+
+def test_a_second_ctrl_c_leaves_at_once(tmp_path, trainer, reporter):
+    def twice():
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        loop.run(Interrupted(trainer, 2, twice), tiny_config(), tmp_path, AT_THE_END, reporter)
+    assert checkpoint.steps(tmp_path) == []
+
+
+def test_a_diverged_run_does_not_overwrite_its_last_good_checkpoint(tmp_path, trainer, reporter):
+    class Diverging:
+        def __init__(self):
+            self.calls = 0
+
+        init, make_pool = trainer.init, trainer.make_pool
+
+        def iterate(self, state, pool):
+            self.calls += 1
+            state, metrics = trainer.iterate(state, pool)
+            return state, metrics | ({"loss/total": jp.nan} if self.calls == 3 else {})
+
+    with pytest.raises(UserError, match="diverged after 64 samples"):
+        loop.run(Diverging(), tiny_config(), tmp_path, EVERY, reporter)
+    assert checkpoint.steps(tmp_path) == [64, 32]
+
+
+def test_evaluations_are_at_the_start_at_even_distances_and_at_the_end(tmp_path, trainer, reporter):
+    options = loop.LoopOptions(checkpoint_minutes=60.0, evaluations=2)
+    loop.run(trainer, tiny_config(), tmp_path, options, reporter, lambda state: {"distance": float(state.iteration)})
+    assert [row["eval/distance"] for row in rows(tmp_path)] == ["1.0", "", "3.0", "", "", "6.0"]
+
+
+def test_episode_figures_are_left_out_where_no_episode_ended(tmp_path, trainer, reporter):
+    # Episodes last 10 steps, an iteration 8: none ends in the first, all do in the second.
+    loop.run(trainer, tiny_config(iterations=2), tmp_path, AT_THE_END, reporter)
+    first, second = rows(tmp_path)
+    assert first["episodes"] == "0.0" and first["episode/length"] == ""
+    assert second["episodes"] == "4.0" and second["episode/length"] == "10.0"
+
+
+def test_plain_progress_names_what_matters(tmp_path, trainer):
+    page = io.StringIO()
+    reporter = Reporter(Console(file=page), 64, 0)
+    loop.run(trainer, tiny_config(iterations=2), tmp_path, AT_THE_END, reporter)
+    last = page.getvalue().splitlines()[-1]
+    for word in ("64/64 samples", "samples/s", "left", "return", "distance", "KL"):
+        assert word in last

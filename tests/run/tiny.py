@@ -1,0 +1,91 @@
+"""A point on a line that wants to be at 1, as small as an environment can be, and a learner for it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jp
+import numpy as np
+from brax.envs.base import State
+from jax.sharding import Mesh
+
+from loco_mjx.config import Config, EnvConfig, NetworkConfig, PPOConfig
+from loco_mjx.ppo.train import AXIS, Trainer
+
+HORIZON = 10
+
+
+class TinyEnv:
+    """Action: a push. Observation: place and time. Reward: closeness to the scene's place."""
+
+    action_size = 1
+    observation_size = {"state": (2,)}
+
+    def make_pool(self, key: jax.Array, size: int) -> jax.Array:
+        return jax.random.uniform(key, (size,))
+
+    def draw(self, key: jax.Array, scenes: jax.Array) -> jax.Array:
+        return scenes[jax.random.randint(key, (), 0, scenes.shape[0])]
+
+    def begin(self, key: jax.Array, scene: jax.Array) -> State:
+        info = {"steps": jp.zeros((), jp.int32), "truncation": jp.zeros(()), "goal": scene}
+        place = jax.random.normal(key) * 0.1
+        return State(place, {"state": jp.zeros(2)}, jp.zeros(()), jp.zeros(()), {"distance": jp.zeros(())}, info)
+
+    def advance(self, state: State, action: jax.Array) -> State:
+        place = state.pipeline_state + 0.1 * action[0]
+        steps = state.info["steps"] + 1
+        done = (steps >= HORIZON).astype(jp.float32)
+        return state.replace(
+            pipeline_state=place,
+            reward=1.0 - jp.abs(place - state.info["goal"]),
+            done=done,
+            metrics={"distance": place - state.pipeline_state},
+            info=state.info | {"steps": steps, "truncation": done},
+        )
+
+    def observe(self, state: State) -> State:
+        time = state.info["steps"].astype(jp.float32) / HORIZON
+        return state.replace(obs={"state": jp.stack([state.pipeline_state, time])})
+
+    def reset(self, key: jax.Array) -> State:
+        return self.observe(self.begin(key, jp.ones(())))
+
+    def step(self, state: State, action: jax.Array) -> State:
+        return self.observe(self.advance(state, action))
+
+
+def tiny_config(iterations: int = 6, **ppo: Any) -> Config:
+    """Iterations of 4 environments × 8 steps; the pool changes every second one."""
+    sizes = {"num_envs": 4, "unroll": 8, "minibatch": 16, "epochs": 2, "pool_size": 4, "pool_refresh": 2}
+    values = sizes | {"total_steps": 32 * iterations, "learning_rate_decay": False} | ppo
+    depth = dataclasses.replace(EnvConfig().observation.depth, enabled=False)
+    env = EnvConfig(horizon=HORIZON, observation=dataclasses.replace(EnvConfig().observation, depth=depth))
+    network = NetworkConfig(state_only_hidden=(8, 8))
+    return Config(policy="state-only", seed=3, env=env, network=network, ppo=PPOConfig(**values))
+
+
+def mesh() -> Mesh:
+    return Mesh(np.array(jax.local_devices()), (AXIS,))
+
+
+def tiny_trainer(config: Config) -> Trainer:
+    return Trainer(config, TinyEnv(), mesh())
+
+
+class Interrupted:
+    """A learner that does something before its nth iteration."""
+
+    def __init__(self, learner: Any, iteration: int, action: Any) -> None:
+        self._learner, self._left, self._action = learner, iteration, action
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._learner, name)
+
+    def iterate(self, state: Any, pool: Any) -> Any:
+        self._left -= 1
+        if self._left == 0:
+            self._action()
+        return self._learner.iterate(state, pool)
