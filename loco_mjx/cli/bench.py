@@ -53,7 +53,8 @@ def main(args: Sequence[str]) -> int:
         get_task(options.task)
         machine.set_up(machine.shards(options.num_envs or NUM_ENVS))
         result = measure(options)
-        result |= {"devices": about.devices(), "versions": about.versions()}
+        devices = about.devices()
+        result |= {"devices": devices["count"], "device_kind": devices["kind"], "versions": about.versions()}
         show(result, table(result))
     return 0
 

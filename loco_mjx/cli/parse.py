@@ -95,8 +95,10 @@ def _group(name: str, options: list[str]) -> str:
 
 
 def _first_paragraph(boxed: str) -> str:
-    """The text of tyro's box up to its first rule, on one line."""
-    lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", boxed).splitlines()]
-    inside = [line.strip("│ ") for line in lines if line.startswith("│")] or [line for line in lines if line]
-    rule = next((i for i, line in enumerate(inside) if line and set(line) <= {"─", "-"}), len(inside))
-    return " ".join(inside[:rule]).rstrip(".")
+    """The text of tyro's box, drawn with lines or in ASCII, up to its first rule, on one line."""
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", boxed)
+    lines = [line.strip("│ ") for line in plain.splitlines() if line.strip() and line[0] not in "╭╰"]
+    rules = [i for i, line in enumerate(lines) if set(line) <= {"─", "-"}]
+    if "╭" not in plain and rules and rules[0] == 1:  # in ASCII the title stands above a rule
+        lines, rules = lines[2:], [i - 2 for i in rules[1:]]
+    return " ".join(lines[: rules[0] if rules else None]).rstrip(".")

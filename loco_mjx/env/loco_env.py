@@ -177,7 +177,7 @@ class LocoEnv:
         self, before: World, after: World, outcome: Outcome, spheres: jax.Array, change: jax.Array
     ) -> reward.StepFacts:
         start, end = before.physics.qpos[:3], after.physics.qpos[:3]
-        w, x, y, z = after.physics.qpos[3:7]
+        _, x, y, _ = after.physics.qpos[3:7]
         return reward.StepFacts(
             displacement=end - start,
             forward=reward.forward_displacement(start, end, after.scene.goal, self.task.toward_goal),

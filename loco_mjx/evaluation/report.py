@@ -18,6 +18,7 @@ from loco_mjx.evaluation.policy import load_policy
 from loco_mjx.ppo.train import AXIS
 from loco_mjx.run import about
 from loco_mjx.run.directory import write_json
+from loco_mjx.scene.tasks import get_task
 
 EVALUATION = "evaluation"
 UNITS = {"distance": "m", "progress": "m", "speed": "m/s"} | dict.fromkeys(
@@ -49,6 +50,8 @@ def evaluate(
     Raises:
         UserError: if there is no usable run, the task is unknown, or there are no episodes to run.
     """
+    if task is not None:
+        get_task(task)  # refuses an unknown name before anything is read
     policy = load_policy(directory)
     config = evaluation_config(policy.config.env, task, randomize)
     env = LocoEnv(config)

@@ -178,7 +178,10 @@ def constraints(
     jacobian, reference, weight = _legs(model, robot, velocity, legs, friction, mass)
     return keep(
         Constraints(
-            jacobian, reference, weight, friction,
+            jacobian,
+            reference,
+            weight,
+            friction,
             *_trunk(model, robot, velocity, trunk, mass),
             *_limits(model, angles, velocity.joints),
         )

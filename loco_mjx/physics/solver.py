@@ -153,12 +153,16 @@ def gauss_jordan(matrix: jax.Array) -> jax.Array:
         (n, k, ...) the solutions.
     """
     n = matrix.shape[0]
-    for k in range(n):
-        # Columns up to k are done with: they are dropped, not cleared.
-        row = matrix[k, 1:] * (1.0 / matrix[k, 0])
-        is_pivot = np.arange(n).reshape(-1, *[1] * (matrix.ndim - 1)) == k
-        matrix = keep(jp.where(is_pivot, row, matrix[:, 1:] - matrix[:, :1] * row))
-    return matrix
+    index = np.arange(n, dtype=np.int32).reshape(-1, *[1] * (matrix.ndim - 1))
+
+    # A loop, because unrolled XLA would fuse the steps and compute every element again for each of its uses.
+    def step(k: jax.Array, matrix: jax.Array) -> jax.Array:
+        pivot_row = jax.lax.dynamic_index_in_dim(matrix, k, 0, keepdims=True)
+        row = pivot_row / jax.lax.dynamic_index_in_dim(pivot_row, k, 1, keepdims=True)
+        column = jax.lax.dynamic_index_in_dim(matrix, k, 1, keepdims=True)
+        return jp.where(index == k, row, matrix - column * row)
+
+    return jax.lax.fori_loop(0, n, step, matrix)[:, n:]
 
 
 def _product(constraints: Constraints, vector: Motion) -> Values:
@@ -223,14 +227,21 @@ def _leg_stiffness(constraints: Constraints, push: _Push) -> jax.Array:
     up, down, left, right, free = push.legs
     # The pyramid's stiffness in (normal, first, second): the two tangents do not mix.
     by_first, by_second = mu * (up - down), mu * (left - right)
-    stiff = [
-        (normal, (up + down + left + right) * normal + by_first * first + by_second * second),
-        (first, by_first * normal + mu * mu * (up + down) * first),
-        (second, by_second * normal + mu * mu * (left + right) * second),
-        (rest, free * rest),
-    ]
-    stiff = keep(stiff)
-    return keep(sum(a[:, None, i] * b[None, :, i] for a, b in stiff for i in range(a.shape[1])))  # type: ignore[return-value]
+    stiff = concatenate(
+        [
+            (up + down + left + right) * normal + by_first * first + by_second * second,
+            by_first * normal + mu * mu * (up + down) * first,
+            by_second * normal + mu * mu * (left + right) * second,
+            free * rest,
+        ],
+        axis=1,
+    )
+
+    # Row by row in a loop, so that the result is there before the elimination takes it apart.
+    def row(_: None, jacobian: jax.Array) -> tuple[None, jax.Array]:
+        return None, sum(jacobian[p] * stiff[:, p] for p in range(stiff.shape[1]))  # type: ignore[return-value]
+
+    return jax.lax.scan(row, None, constraints.legs)[1]
 
 
 def _newton_direction(inertia: Inertia, constraints: Constraints, push: _Push, gradient: Motion) -> Motion:
@@ -274,19 +285,19 @@ def _line_search(
     value, change, weight = flat(0), flat(1), flat(2)
     pull, square = keep((weight * change * value, weight * change * change))
 
-    low, high, step = jp.zeros_like(linear), jp.full_like(linear, jp.inf), jp.ones_like(linear)
-    for _ in range(iterations):
-        active = keep(value + step * change < 0.0)
+    def iterate(_: int, bracket: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
+        low, high, step = bracket
+        active = value + step * change < 0.0
         first = linear + step * quadratic + total(jp.where(active, pull + step * square, 0.0))
         second = quadratic + total(jp.where(active, square, 0.0))
-        first, second = keep((first, second))
         low, high = jp.where(first < 0.0, step, low), jp.where(first > 0.0, step, high)
         moved = step - first / jp.maximum(second, 1e-30)
         outside = (moved <= low) | (moved >= high)
         middle = jp.where(jp.isinf(high), 2.0 * low, 0.5 * (low + high))
-        step = jp.where(first == 0.0, step, jp.where(outside, middle, moved))
-        step, low, high = keep((step, low, high))
-    return step
+        return low, high, jp.where(first == 0.0, step, jp.where(outside, middle, moved))
+
+    bracket = (jp.zeros_like(linear), jp.full_like(linear, jp.inf), jp.ones_like(linear))
+    return jax.lax.fori_loop(0, iterations, iterate, bracket)[2]
 
 
 def _newton(inertia: Inertia, force: Motion, constraints: Constraints, point: Motion, ls_iterations: int) -> Motion:

@@ -113,7 +113,12 @@ def _integrate(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
     w, x, y, z = qpos[3:7]
     c, (a, b, d) = jp.cos(angle), half * sinc
     quat = jp.stack(
-        [w * c - x * a - y * b - z * d, w * a + x * c + y * d - z * b, w * b - x * d + y * c + z * a, w * d + x * b - y * a + z * c]
+        [
+            w * c - x * a - y * b - z * d,
+            w * a + x * c + y * d - z * b,
+            w * b - x * d + y * c + z * a,
+            w * d + x * b - y * a + z * c,
+        ]
     )
     quat = quat / jp.sqrt(jp.sum(quat * quat, axis=0))
     return jp.concatenate([qpos[:3] + dt * qvel[:3], quat, qpos[7:] + dt * qvel[6:]])
@@ -158,7 +163,9 @@ def _control_steps(
     near = jax.vmap(lambda scene, base: slots.near(scene, base, model.config))(
         scene.replace(terrain=None), state.qpos[:, :3]
     )
-    to_last, to_first = (lambda tree, a=a, b=b: jax.tree.map(lambda x: jp.moveaxis(x, a, b), tree) for a, b in ((0, -1), (-1, 0)))
+    to_last, to_first = (
+        lambda tree, a=a, b=b: jax.tree.map(lambda x: jp.moveaxis(x, a, b), tree) for a, b in ((0, -1), (-1, 0))
+    )
     near = to_last(near).replace(terrain=terrain)
     state, targets, dynamics = to_last((state, targets, dynamics))
 

@@ -54,9 +54,9 @@ class Experience:
 
 def experience(rollout: Rollout, normalizer: Normalizer, config: PPOConfig) -> Experience:
     """Computes advantages and episode starts of a rollout."""
-    data = rollout
+    data, reward = rollout, config.reward_scale * rollout.reward
     advantage = gae.advantages(
-        data.reward, data.value, data.terminated, data.done, data.reset, config.discount, config.gae_lambda
+        reward, data.value, data.terminated, data.done, data.reset, config.discount, config.gae_lambda
     )
     starts = None
     if data.frames is not None:

@@ -127,15 +127,16 @@ def mountain(key: jax.Array) -> tuple[Terrain, jax.Array]:
     summit = jax.random.uniform(height_key, minval=2.3, maxval=2.7)  # summit = +U(2.3, 2.7) m
     distance = jp.sqrt((x - goal_x) ** 2 + (y - goal_y) ** 2 + 0.09) - 0.3
     far = smoothstep(distance / 2.5)  # keeps the summit the highest point
-    nearness = jp.clip(1.0 - (distance + 0.6 * far * waves(contour_key, x, y, 8.0, 4.0)) / 9.4, 0.0, 1.0)
+    nearness = jp.clip(1.0 - (distance + 0.5 * far * waves(contour_key, x, y, 8.0, 4.0)) / 9.4, 0.0, 1.0)
     slope = summit * nearness * (0.55 + 0.45 * nearness)
-    ridges = 0.16 * far * (1.0 - jp.abs(waves(ridge_key, x, y, 6.0, 2.5)))
-    roughness = 0.012 * waves(rough_key, x, y, 1.2, 0.4)
-    rocks = stones(stone_key, MOUNTAIN_SHAPE, MOUNTAIN_CELL, 0.3, (0.02, 0.08))
+    ridges = 0.12 * far * (1.0 - jp.abs(waves(ridge_key, x, y, 6.0, 2.5)))
+    roughness = 0.01 * waves(rough_key, x, y, 1.2, 0.4)
+    rocks = stones(stone_key, MOUNTAIN_SHAPE, MOUNTAIN_CELL, 0.25, (0.02, 0.08))
     crags = _crags(crag_key, crag_size_key, x, y, goal_x, goal_y)
     heights = (slope + ridges + roughness + rocks + crags) * _away_from_start(x, y)
     top = jp.clip(1.0 - distance / 0.6, 0.0, 1.0)
-    heights = heights * (1.0 - top) + summit * top
+    # Nothing stands higher than the goal.
+    heights = jp.minimum(heights, summit) * (1.0 - top) + summit * top
     terrain = Terrain(heights.astype(jp.float32), MOUNTAIN_ORIGIN, MOUNTAIN_CELL)
     return terrain, jp.stack([goal_x, goal_y, summit]).astype(jp.float32)
 
