@@ -1,7 +1,7 @@
 """The Unitree A1: joint names and order, default pose, limits, gains, and the motor law.
 
 Figures: Unitree's A1 description (masses, lengths, limits) and the LocoTransformer paper, appendix A (gains, rates).
-Units are SI; angles in radians. Joints and actuators are everywhere in the order FR, FL, RR, RL, each (hip, thigh, calf).
+Units are SI; angles in radians. Joints and actuators come as FR, FL, RR, RL, each (hip, thigh, calf), everywhere.
 """
 
 from __future__ import annotations

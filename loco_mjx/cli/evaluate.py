@@ -9,7 +9,7 @@ from pathlib import Path
 import tyro
 
 from loco_mjx.cli.output import one_object
-from loco_mjx.cli.parse import parse
+from loco_mjx.cli.parse import check_seed, parse
 
 PROG = "loco-mjx evaluate"
 
@@ -41,6 +41,7 @@ def main(args: Sequence[str]) -> int:
         UserError: if there is no usable run, or what is asked cannot be done; nothing is written then.
     """
     options = parse(Options, args, PROG)
+    check_seed(options.seed)
     with one_object(options.json) as show:
         from loco_mjx.run import machine
 

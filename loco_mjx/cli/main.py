@@ -5,6 +5,7 @@ A new verb is one file ``loco_mjx/cli/<verb>.py`` with a function ``main(args)``
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import sys
@@ -40,6 +41,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # whoever read our output has gone, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return INTERRUPTED
+    except OSError as error:  # what every command may meet anywhere; other errors are bugs and keep their traceback
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EROFS):
+            raise
+        print(f"loco-mjx: {error}", file=sys.stderr)
+        return USAGE_ERROR
     except KeyboardInterrupt:
         print("loco-mjx: stopped", file=sys.stderr)
         return INTERRUPTED

@@ -40,6 +40,16 @@ def parse(kind: type[T], args: Sequence[str], prog: str, default: T | None = Non
     return filled
 
 
+def check_seed(seed: int) -> None:
+    """Refuses a seed that is not a non-negative 32-bit integer.
+
+    Raises:
+        UserError: saying so.
+    """
+    if not 0 <= seed < 2**31:
+        raise UserError(f"seed is {seed}; accepted: 0 to {2**31 - 1}")
+
+
 def _tyro(kind: type[T], args: Sequence[str], prog: str, default: T | None) -> tuple[T, list[str]]:
     import tyro
 

@@ -17,7 +17,7 @@ from loco_mjx.physics import solver
 from loco_mjx.physics.kinematics import LEGS, RADII, Pose, Vector, column, trunk_centers
 from loco_mjx.physics.model import PhysicsModel, Softness
 from loco_mjx.physics.slots import Planes
-from loco_mjx.physics.solver import Constraints, Motion, keep
+from loco_mjx.physics.solver import Constraints, Motion
 
 
 def _cross(a: Vector, b: Vector) -> Vector:
@@ -62,7 +62,7 @@ def _weight_and_pull(
 
 def _base_rows(robot: Pose, point: Vector, direction: Vector) -> list[jax.Array]:
     """Jacobian in the base's 6 degrees of freedom of points' velocities along directions."""
-    moment = keep(_cross(_sub(point, robot.origin), direction))
+    moment = (_cross(_sub(point, robot.origin), direction))
     return [*direction, *(_dot(axis, moment) for axis in (robot.forward, robot.left, robot.up))]
 
 
@@ -125,7 +125,7 @@ def _legs(
     foot_weight, foot_pull = _weight_and_pull(model.softness, feet, by_leg[0] * edge)
     other_weight, other_pull = _weight_and_pull(model.softness, others, by_leg[1:, 0] / mass)
     speed = sum(jacobian[i] * velocity.base[i] for i in range(6))
-    speed = keep(speed + sum(jacobian[6 + j] * velocity.joints[j] for j in range(3)))
+    speed = (speed + sum(jacobian[6 + j] * velocity.joints[j] for j in range(3)))
     damped = -model.softness.damping * speed
     reference = [damped[:slots] + foot_pull, damped[slots : 3 * slots], damped[3 * slots :] + other_pull]
     return jacobian, solver.concatenate(reference), solver.concatenate([foot_weight, other_weight])
@@ -135,7 +135,7 @@ def _trunk(
     model: PhysicsModel, robot: Pose, velocity: Motion, plane: Planes, mass: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Jacobian, reference and weight of the trunk's contacts."""
-    point = keep(_contact_point(trunk_centers(robot), plane, column(RADII[3 * LEGS :], plane.distance)))
+    point = (_contact_point(trunk_centers(robot), plane, column(RADII[3 * LEGS :], plane.distance)))
     jacobian = solver.stack(_base_rows(robot, point, plane.normal))
     invweight = column(model.sphere_invweight[3 * LEGS :], plane.distance) / mass
     weight, pull = _weight_and_pull(model.softness, plane.distance, invweight)
@@ -173,10 +173,10 @@ def constraints(
         mass: (N,) factor on the robot's mass.
     """
     feet, hips, knees, trunk = planes
-    velocity, angles = keep((solver.split(qvel), jp.swapaxes(qpos[7:].reshape(LEGS, 3, -1), 0, 1)))
+    velocity, angles = ((solver.split(qvel), jp.swapaxes(qpos[7:].reshape(LEGS, 3, -1), 0, 1)))
     legs = _leg_slots(robot, feet, hips, knees)
     jacobian, reference, weight = _legs(model, robot, velocity, legs, friction, mass)
-    return keep(
+    return (
         Constraints(
             jacobian,
             reference,

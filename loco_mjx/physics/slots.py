@@ -14,7 +14,6 @@ from flax import struct
 
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.physics.kinematics import LEGS, RADII, Vector, column
-from loco_mjx.physics.solver import keep
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.types import COLLISION_MARGIN, STEP, Boxes, Cylinders, Scene, Terrain
 
@@ -199,16 +198,16 @@ def touch(
         the knees (4,) and the trunk (6,) the nearest of everything. And whether any sphere touches an obstacle or wall.
     """
     radii = column(RADII, point[0])
-    ground = keep(ground_plane(scene.terrain, point))
+    ground = (ground_plane(scene.terrain, point))
     nothing = Planes(jp.full_like(point[0], FAR), tuple(jp.zeros_like(c) for c in point))  # type: ignore[arg-type]
     nearest: tuple[Planes, ...] = (nothing,) * obstacle_slots
     hit = jp.zeros(point[0].shape, bool)
     for plane, solid in _candidates(scene, point):
         hit = hit | ((plane.distance < radii) & solid)
-        nearest = keep(_insert(nearest, plane))
+        nearest = (_insert(nearest, plane))
     surface = lambda plane: plane._replace(distance=plane.distance - radii)  # noqa: E731
     part = lambda plane, a, b: jax.tree.map(lambda x: x[a:b], surface(plane))  # noqa: E731
-    single = keep(_closer(nearest[0], ground, nearest[0].distance < ground.distance))
+    single = (_closer(nearest[0], ground, nearest[0].distance < ground.distance))
     feet = tuple(part(plane, 0, LEGS) for plane in (ground, *nearest))
     others = [part(single, a, b) for a, b in ((LEGS, 2 * LEGS), (2 * LEGS, 3 * LEGS), (3 * LEGS, None))]
     return (feet, *others), jp.any(hit, axis=0)

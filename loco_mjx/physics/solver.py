@@ -13,7 +13,8 @@ XLA makes vector code of it on a CPU. `keep` stops it from fusing a value into e
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jp
@@ -89,9 +90,25 @@ class Values(NamedTuple):
     limits: jax.Array
 
 
-def keep(tree: T) -> T:
-    """Makes XLA compute these once, whatever uses them."""
-    return jax.lax.optimization_barrier(tree)
+class Stage:
+    """Makes XLA finish what a function computes before anything else uses it.
+
+    On CPUs XLA fuses cheap arithmetic into every one of its uses and computes it again for each, which for this much
+    arithmetic costs more than anything else, and its own optimization barrier is gone by the time it fuses. A branch
+    is never taken apart. On GPUs, where branches wait for the host and XLA fuses better, functions are simply called.
+    """
+
+    def __init__(self, always: jax.Array) -> None:
+        """`always` is true, in a way that XLA cannot know while it compiles."""
+        self._always = always
+
+    def __call__(self, function: Callable[..., T], *args: Any) -> T:
+        """function(*args), finished."""
+        if jax.default_backend() != "cpu":
+            return function(*args)
+        shapes = jax.eval_shape(function, *args)
+        nothing = lambda *_: jax.tree.map(lambda x: jp.zeros(x.shape, x.dtype), shapes)  # noqa: E731
+        return jax.lax.cond(self._always, function, nothing, *args)
 
 
 def total(array: jax.Array) -> jax.Array:
@@ -100,13 +117,11 @@ def total(array: jax.Array) -> jax.Array:
 
 
 def stack(arrays: list[jax.Array], axis: int = 0) -> jax.Array:
-    """jp.stack of arrays that are computed first, and copied."""
-    return keep(jp.stack(keep(arrays), axis))
+    return jp.stack(arrays, axis)
 
 
 def concatenate(arrays: list[jax.Array], axis: int = 0) -> jax.Array:
-    """jp.concatenate of arrays that are computed first, and copied."""
-    return keep(jp.concatenate(keep(arrays), axis))
+    return jp.concatenate(arrays, axis)
 
 
 def split(vector: jax.Array) -> Motion:
@@ -126,7 +141,7 @@ def inertia_parts(matrix: jax.Array) -> Inertia:
     rows = jp.moveaxis(matrix[BASE:].reshape(LEGS, JOINTS, BASE + LEGS * JOINTS, -1), 0, 2)
     first = lambda leg: BASE + JOINTS * leg  # noqa: E731
     joints = [rows[:, first(leg) : first(leg) + JOINTS, leg] for leg in range(LEGS)]
-    return keep(Inertia(matrix[:BASE, :BASE], rows[:, :BASE], jp.stack(joints, axis=2)))
+    return (Inertia(matrix[:BASE, :BASE], rows[:, :BASE], jp.stack(joints, axis=2)))
 
 
 def _inner(a: Motion, b: Motion) -> jax.Array:
@@ -201,14 +216,14 @@ def _push(constraints: Constraints, residual: Values) -> _Push:
     slots, mu = constraints.slots, constraints.friction
     edges = _edges(constraints, residual.legs)
     weights = [constraints.leg_weight[:slots]] * 4 + [constraints.leg_weight[slots:]]
-    active = keep([jp.where(edge < 0.0, weight, 0.0) for edge, weight in zip(edges, weights, strict=True)])
+    active = ([jp.where(edge < 0.0, weight, 0.0) for edge, weight in zip(edges, weights, strict=True)])
     trunk = jp.where(residual.trunk < 0.0, constraints.trunk_weight, 0.0)
     limits = jp.where(residual.limits < 0.0, constraints.limit_weight, 0.0)
     force = [weight * edge for edge, weight in zip(edges, active, strict=True)]
     in_directions = concatenate(
         [force[0] + force[1] + force[2] + force[3], mu * (force[0] - force[1]), mu * (force[2] - force[3]), force[4]]
     )
-    return keep(_Push(Values(in_directions, trunk * residual.trunk, limits * residual.limits), active, trunk, limits))
+    return (_Push(Values(in_directions, trunk * residual.trunk, limits * residual.limits), active, trunk, limits))
 
 
 def _transposed(constraints: Constraints, values: Values) -> Motion:
@@ -248,16 +263,16 @@ def _newton_direction(inertia: Inertia, constraints: Constraints, push: _Push, g
     """The Hessian's inverse times the gradient: the legs are eliminated, then the base is solved."""
     stiffness = _leg_stiffness(constraints, push)
     limits = np.eye(JOINTS, dtype=np.float32)[:, :, None, None] * push.limits
-    coupling = keep(inertia.coupling + stiffness[BASE:, :BASE])  # (3, 6, 4, N)
+    coupling = (inertia.coupling + stiffness[BASE:, :BASE])  # (3, 6, 4, N)
     joints = inertia.joints + stiffness[BASE:, BASE:] + limits
     solved = gauss_jordan(concatenate([joints, coupling, gradient.joints[:, None]], axis=1))  # (3, 7, 4, N)
-    gain = keep(sum(coupling[j][:, None] * solved[j][None] for j in range(JOINTS)))  # (6, 7, 4, N)
+    gain = (sum(coupling[j][:, None] * solved[j][None] for j in range(JOINTS)))  # (6, 7, 4, N)
     weighted = constraints.trunk * push.trunk
     trunk = sum(constraints.trunk[:, None, t] * weighted[None, :, t] for t in range(weighted.shape[1]))
     base = inertia.base + trunk + sum(stiffness[:BASE, :BASE, leg] - gain[:, :BASE, leg] for leg in range(LEGS))
     right = gradient.base - sum(gain[:, BASE, leg] for leg in range(LEGS))
     x = gauss_jordan(concatenate([base, right[:, None]], axis=1))[:, 0]
-    return keep(Motion(x, solved[:, BASE] - sum(solved[:, c] * x[c] for c in range(BASE))))
+    return (Motion(x, solved[:, BASE] - sum(solved[:, c] * x[c] for c in range(BASE))))
 
 
 def _line_search(
@@ -283,7 +298,7 @@ def _line_search(
     grouped = [*legs, limits, (residual.trunk, slope.trunk, constraints.trunk_weight)]
     flat = lambda i: concatenate([g[i].reshape(-1, g[i].shape[-1]) for g in grouped])  # noqa: E731
     value, change, weight = flat(0), flat(1), flat(2)
-    pull, square = keep((weight * change * value, weight * change * change))
+    pull, square = ((weight * change * value, weight * change * change))
 
     def iterate(_: int, bracket: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
         low, high, step = bracket
@@ -300,22 +315,30 @@ def _line_search(
     return jax.lax.fori_loop(0, iterations, iterate, bracket)[2]
 
 
-def _newton(inertia: Inertia, force: Motion, constraints: Constraints, point: Motion, ls_iterations: int) -> Motion:
+def _newton(
+    stage: Stage, inertia: Inertia, force: Motion, constraints: Constraints, point: Motion, ls_iterations: int
+) -> Motion:
     """One iteration of Newton's method."""
     reference = Values(constraints.leg_reference, constraints.trunk_reference, constraints.limit_reference)
-    residual = keep(jax.tree.map(jp.subtract, _product(constraints, point), reference))
-    momentum = keep(jax.tree.map(jp.subtract, multiply(inertia, point), force))
-    push = _push(constraints, residual)
-    gradient = keep(jax.tree.map(jp.add, momentum, _transposed(constraints, push.force)))
+
+    def look(point: Motion) -> tuple[Values, Motion, _Push]:
+        residual = jax.tree.map(jp.subtract, _product(constraints, point), reference)
+        momentum = jax.tree.map(jp.subtract, multiply(inertia, point), force)
+        return residual, momentum, _push(constraints, residual)
+
+    def along(search: Motion) -> tuple[jax.Array, jax.Array, Values]:
+        return _inner(search, momentum), _inner(search, multiply(inertia, search)), _product(constraints, search)
+
+    residual, momentum, push = stage(look, point)
+    gradient = stage(lambda: jax.tree.map(jp.add, momentum, _transposed(constraints, push.force)))
     search = jax.tree.map(jp.negative, _newton_direction(inertia, constraints, push, gradient))
-    linear, quadratic = keep((_inner(search, momentum), _inner(search, keep(multiply(inertia, search)))))
-    slope = keep(_product(constraints, search))
+    linear, quadratic, slope = stage(along, search)
     step = _line_search(constraints, residual, slope, linear, quadratic, ls_iterations)
-    return keep(jax.tree.map(lambda a, b: a + step * b, point, search))
+    return jax.tree.map(lambda a, b: a + step * b, point, search)
 
 
 def solve(
-    inertia: Inertia, force: Motion, constraints: Constraints, start: Motion, iterations: int, ls_iterations: int
+    stage: Stage, inertia: Inertia, force: Motion, constraints: Constraints, start: Motion, iterations: int, ls_iterations: int
 ) -> Motion:
     """Accelerations under the constraints.
 
@@ -328,6 +351,6 @@ def solve(
         ls_iterations: iterations of each line search.
     """
     if iterations == 1:
-        return _newton(inertia, force, constraints, start, ls_iterations)
-    step = lambda _, point: _newton(inertia, force, constraints, point, ls_iterations)  # noqa: E731
+        return _newton(stage, inertia, force, constraints, start, ls_iterations)
+    step = lambda _, point: _newton(stage, inertia, force, constraints, point, ls_iterations)  # noqa: E731
     return jax.lax.fori_loop(0, iterations, step, start)

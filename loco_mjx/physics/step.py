@@ -17,7 +17,6 @@ from mujoco.mjx._src import smooth
 from loco_mjx import a1
 from loco_mjx.physics import contact, kinematics, slots, solver
 from loco_mjx.physics.model import PhysicsModel
-from loco_mjx.physics.solver import keep
 from loco_mjx.scene.types import Scene
 
 
@@ -125,7 +124,7 @@ def _integrate(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
 
 
 def _physics_step(
-    model: PhysicsModel, near: slots.Near, targets: jax.Array, dynamics: Dynamics, state: PhysicsState
+    model: PhysicsModel, stage: solver.Stage, near: slots.Near, targets: jax.Array, dynamics: Dynamics, state: PhysicsState
 ) -> tuple[PhysicsState, jax.Array, jax.Array]:
     """The next state, the squared torque and whether an obstacle is touched. Environments last in every array."""
     torque = a1.motor_torque(
@@ -135,13 +134,17 @@ def _physics_step(
     inertia, bias = last(lambda *args: _inertia_and_bias(model, *args))(
         state.qpos, state.qvel, dynamics.mass, dynamics.inertia
     )
-    inertia, bias = keep((inertia, bias))
-    robot = keep(kinematics.pose(state.qpos))
-    planes, hit = keep(slots.touch(near, keep(kinematics.centers(robot)), model.obstacle_slots))
-    constraints = contact.constraints(model, robot, state.qpos, state.qvel, planes, dynamics.friction, dynamics.mass)
+    robot = stage(kinematics.pose, state.qpos)
+    planes, hit = stage(lambda: slots.touch(near, kinematics.centers(robot), model.obstacle_slots))
+    constraints = stage(
+        lambda: contact.constraints(
+            model, robot, state.qpos, state.qvel, planes, dynamics.friction, dynamics.mass
+        )
+    )
     force = jp.concatenate([-bias[:6], torque - bias[6:]])
     acceleration = solver.join(
         solver.solve(
+            stage,
             solver.inertia_parts(inertia),
             solver.split(force),
             constraints,
@@ -169,11 +172,11 @@ def _control_steps(
     near = to_last(near).replace(terrain=terrain)
     state, targets, dynamics = to_last((state, targets, dynamics))
 
-    def body(state: PhysicsState, _: None) -> tuple[PhysicsState, tuple[jax.Array, ...]]:
-        new, squared, hit = _physics_step(model, near, targets, dynamics, state)
+    def body(state: PhysicsState, i: jax.Array) -> tuple[PhysicsState, tuple[jax.Array, ...]]:
+        new, squared, hit = _physics_step(model, solver.Stage(i >= 0), near, targets, dynamics, state)
         return new, (squared, hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
 
-    new, (squared, hit, *after) = jax.lax.scan(body, state, None, length=a1.SUBSTEPS)
+    new, (squared, hit, *after) = jax.lax.scan(body, state, jp.arange(a1.SUBSTEPS))
     before = (state.qpos[7:], state.qpos[3:7], state.qvel[3:6])
     trace = [jp.concatenate([b[None], a]) for b, a in zip(before, after, strict=True)]
     return to_first((new, Outcome(jp.mean(squared, axis=0), jp.any(hit, axis=0), *trace)))

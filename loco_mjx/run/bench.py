@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -20,6 +18,7 @@ from loco_mjx.config import Config, preset
 from loco_mjx.env import LocoEnv, autoreset
 from loco_mjx.errors import UserError
 from loco_mjx.ppo.train import AXIS, Trainer
+from loco_mjx.run import machine
 
 WINDOW = 32  # control steps in one call of the environment's benchmark
 POOL = 64  # scenes to reset into
@@ -94,7 +93,7 @@ def bench_train(config: Config, seconds: float) -> Result:
     begin = time.monotonic()
     state, pool = trainer.init(), trainer.make_pool(0)
     state, _ = jax.block_until_ready(trainer.iterate(state, pool))
-    compile_seconds, startup_seconds = time.monotonic() - begin, process_age()
+    compile_seconds, startup_seconds = time.monotonic() - begin, machine.process_age()
     rolling = _Rolling(lambda state: trainer.iterate(state, pool)[0], state)
     iteration = _seconds_per_call(rolling, seconds)
     collect = _collect_seconds(trainer, rolling.state, pool)
@@ -109,16 +108,6 @@ def bench_train(config: Config, seconds: float) -> Result:
         "learn_seconds": iteration - collect,
         "compilations": trainer.iterate._cache_size(),  # type: ignore[attr-defined]
     }
-
-
-def process_age() -> float | None:
-    """Seconds since this process started; None where the system does not tell."""
-    try:
-        ticks = float(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19])
-        uptime = float(Path("/proc/uptime").read_text().split()[0])
-    except (OSError, ValueError, IndexError):
-        return None
-    return uptime - ticks / os.sysconf("SC_CLK_TCK")
 
 
 class _Rolling:

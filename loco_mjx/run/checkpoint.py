@@ -70,10 +70,11 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config)
             shutil.rmtree(final)
         partial.rename(final)
         _sync(final.parent)
-    except OSError as error:
-        raise UserError(
-            f"cannot write the checkpoint {final}: {error.strerror or error}; make room or access"
-        ) from error
+    except (OSError, ValueError) as error:  # Orbax reports a full disk as a ValueError
+        shutil.rmtree(partial, ignore_errors=True)
+        reason = getattr(error, "strerror", None) or str(error).strip().splitlines()[0]
+        reason = "no space left on the disk" if "No space left" in reason else reason
+        raise UserError(f"cannot write the checkpoint {final}: {reason}; make room or access") from error
     _prune(directory)
     return final
 
@@ -217,12 +218,12 @@ def _sync(folder: Path) -> None:
 
 
 class _quiet:  # noqa: N801
-    """Keeps Orbax's log lines out of the terminal."""
+    """Keeps Orbax's log lines and its threads' tracebacks out of the terminal; errors still reach the caller."""
 
     def __enter__(self) -> None:
         self._logger = logging.getLogger("absl")
         self._level = self._logger.level
-        self._logger.setLevel(logging.ERROR)
+        self._logger.setLevel(logging.CRITICAL)
 
     def __exit__(self, *_: object) -> None:
         self._logger.setLevel(self._level)

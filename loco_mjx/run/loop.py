@@ -13,7 +13,7 @@ import jax
 
 from loco_mjx.config import Config
 from loco_mjx.errors import UserError
-from loco_mjx.run import checkpoint
+from loco_mjx.run import checkpoint, machine
 from loco_mjx.run.logger import SECONDS, Logger
 from loco_mjx.run.progress import Reporter
 from loco_mjx.run.stop import Stop
@@ -119,11 +119,13 @@ class _Loop:
         saved, saved_at = samples, time.monotonic()
         iteration = samples // self.per_iteration
         pool = None
+        first = iteration
         while iteration < self.config.ppo.iterations and self.stop.signal is None:
             if pool is None or iteration % self.config.ppo.pool_refresh == 0:
                 pool = self.learner.make_pool(iteration)
             state = self._iterate(state, pool, iteration)
             iteration += 1
+            self._say_age(iteration - first)
             samples = iteration * self.per_iteration
             if time.monotonic() - saved_at >= 60 * self.options.checkpoint_minutes:
                 self._save(state, samples)
@@ -149,6 +151,11 @@ class _Loop:
         self.logger.write(samples, row | {SECONDS: self.spent, "time/samples_per_second": rate})
         self.reporter.update(samples, rate, row)
         return state
+
+    def _say_age(self, done: int) -> None:
+        age = machine.process_age() if done == 1 else None
+        if age is not None:
+            self.reporter.say(f"first iteration done {age:.0f} s after the command")
 
     def _refuse_divergence(self, row: dict[str, float], samples: int) -> None:
         """Ends a run whose loss is no number before a checkpoint keeps it; whose environments broke are told of."""

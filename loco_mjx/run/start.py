@@ -38,7 +38,7 @@ def evaluator(config: Config, trainer: Any, options: loop.LoopOptions) -> loop.E
 
     env_config = evaluation_config(config.env)
     program = Evaluator(LocoEnv(env_config), trainer.networks, env_config.horizon, trainer.mesh)
-    seed = config.seed + EVALUATION_SEED
+    seed = (config.seed + EVALUATION_SEED) % 2**31
 
     def evaluate(state: Any) -> dict[str, float]:
         return means(program.run(state.params, state.normalizer, seed, options.evaluation_episodes))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import jax
 import jax.numpy as jp
@@ -187,13 +188,13 @@ def _collectable(key: jax.Array) -> Spheres:
 def thin_sphere(key: jax.Array) -> Scene:
     """``thin`` with 50 spheres to collect."""
     layout_key, sphere_key = jax.random.split(key)
-    return thin(layout_key).replace(spheres=_collectable(sphere_key))
+    return replace(thin(layout_key), spheres=_collectable(sphere_key))
 
 
 def wide_sphere(key: jax.Array) -> Scene:
     """``wide`` with 50 spheres to collect."""
     layout_key, sphere_key = jax.random.split(key)
-    return wide(layout_key).replace(spheres=_collectable(sphere_key))
+    return replace(wide(layout_key), spheres=_collectable(sphere_key))
 
 
 def moving(key: jax.Array) -> Scene:
@@ -202,13 +203,13 @@ def moving(key: jax.Array) -> Scene:
     scene = thin(layout_key)
     obstacle = (scene.boxes.kind == OBSTACLE)[:, None]
     velocity = jp.where(obstacle, motion.draw_velocity(direction_key, scene.boxes.count), 0.0)
-    return scene.replace(boxes=scene.boxes.replace(velocity=velocity))
+    return replace(scene, boxes=replace(scene.boxes, velocity=velocity))
 
 
 def heightfield(key: jax.Array) -> Scene:
     """``thin`` on uneven ground."""
     layout_key, terrain_key = jax.random.split(key)
-    return thin(layout_key).replace(terrain=terrain.uneven(terrain_key))
+    return replace(thin(layout_key), terrain=terrain.uneven(terrain_key))
 
 
 def random_shape(key: jax.Array) -> Scene:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jp
 
@@ -35,7 +37,7 @@ def move(scene: Scene, dt: float) -> Scene:
     """
     boxes = scene.boxes
     shift = jp.pad(boxes.velocity * jp.float32(dt), ((0, 0), (0, 1)))
-    return scene.replace(boxes=boxes.replace(center=boxes.center + shift))
+    return replace(scene, boxes=replace(boxes, center=boxes.center + shift))
 
 
 def redraw(key: jax.Array, scene: Scene, step: jax.Array) -> Scene:
@@ -52,4 +54,5 @@ def redraw(key: jax.Array, scene: Scene, step: jax.Array) -> Scene:
     along_axis = (boxes.velocity[:, 0] == 0.0) != (boxes.velocity[:, 1] == 0.0)
     changed = jp.where(along_axis[:, None], -boxes.velocity, draw_velocity(key, boxes.count))
     due = (step > 0) & (step % REDRAW_STEPS == 0) & (boxes.kind == OBSTACLE)
-    return scene.replace(boxes=boxes.replace(velocity=jp.where(due[:, None], changed, boxes.velocity)))
+    velocity = jp.where(due[:, None], changed, boxes.velocity)
+    return replace(scene, boxes=replace(boxes, velocity=velocity))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jp
 
@@ -24,7 +26,8 @@ def collect(scene: Scene, base_xy: jax.Array) -> tuple[Scene, jax.Array]:
     offset = spheres.center[:, :2] - base_xy
     near = jp.sum(offset * offset, axis=-1) < COLLECT_DISTANCE**2
     new = near & spheres.reward & ~spheres.collected
-    return scene.replace(spheres=spheres.replace(collected=spheres.collected | new)), jp.sum(new, dtype=jp.int32)
+    spheres = replace(spheres, collected=spheres.collected | new)
+    return replace(scene, spheres=spheres), jp.sum(new, dtype=jp.int32)
 
 
 def first_obstacle_x(scene: Scene) -> jax.Array:

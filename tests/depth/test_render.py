@@ -13,7 +13,7 @@ from jax.sharding import Mesh
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx.config import DepthConfig
-from loco_mjx.depth.render import render
+from loco_mjx.depth.render import look, render, trace
 from loco_mjx.scene.types import Boxes, Cylinders, Scene, Spheres, Terrain
 
 CONFIG = DepthConfig()
@@ -180,6 +180,22 @@ def test_batches_equal_single_frames() -> None:
     twice = jax.jit(jax.vmap(jax.vmap(partial(render, config=CONFIG), (None, 0)), (0, None)))(scenes, poses)
     np.testing.assert_allclose(twice[0, 0], single[0], atol=1e-5)
     np.testing.assert_allclose(twice[1, 1], single[1], atol=1e-5)
+
+
+def test_all_frames_at_once_equal_single_frames() -> None:
+    """What runs under ``jax.vmap`` on an accelerator, here on the CPU; frames differ in how much they see."""
+    scene = make_scene(
+        boxes=[(x, 1, 0.5, 0.2, 0.3, 0.5, 0.3 * (x % 2)) for x in range(1, 9)],
+        spheres=[(4, 0, 0.2, 0.2)],
+        cylinders=[(3, -1, 1, 0.2, 1)],
+        terrain=Terrain(0.05 * jax.random.uniform(jax.random.PRNGKey(0), (120, 100)), (-1.0, -5.0), 0.1),
+    )
+    poses = jp.stack([at(x, 0, 0.4) for x in (-0.5, 2.5, 6.5)])
+    views = jax.jit(jax.vmap(partial(look, config=CONFIG), (None, 0)))(scene, poses)
+    assert len(set(np.asarray(views.boxes.count))) == 3
+    in_turn = jax.jit(jax.vmap(partial(render, config=CONFIG), (None, 0)))(scene, poses)
+    at_once = jax.jit(jax.vmap(partial(trace, config=CONFIG)))(views)
+    np.testing.assert_allclose(at_once, in_turn, atol=1e-5)
 
 
 @pytest.mark.parametrize("check_vma", [True, False])

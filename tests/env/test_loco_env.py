@@ -178,5 +178,5 @@ def test_depth_noise_follows_randomization_unless_told():
 
 
 def test_an_unknown_task_is_named():
-    with pytest.raises(UnknownNameError, match="unknown task 'thn' .did you mean 'thin'"):
+    with pytest.raises(UnknownNameError, match=r"unknown task 'thn' .did you mean 'thin'"):
         make_env("thn")

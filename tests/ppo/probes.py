@@ -25,7 +25,7 @@ class Probe:
     depth: bool = False
     size: int = 64  # of the depth image
     action_size: int = 1
-    start_spread: int = 0  # the first episode's step is drawn from 0..start_spread
+    start_spread: int = 0  # an episode's first step is drawn from 0..start_spread
 
     @property
     def observation_size(self):
@@ -80,6 +80,27 @@ class Probe:
         """The sign in the left half of the image, in the right half what tells scenes and steps apart."""
         left = jp.arange(self.size) < self.size // 2
         return jp.where(left, world["sign"], 0.1 * (world["scene"] + world["step"])) * jp.ones((self.size, 1))
+
+
+@dataclass(frozen=True)
+class EndingProbe(Probe):
+    """Reward 1 at each of two steps; an episode whose sign is + is then truncated, the others terminate.
+
+    The phase of those that are truncated is hidden: at a time limit the last observation looks like any other.
+    """
+
+    horizon: int = 2
+
+    def next_sign(self, sign, key):
+        return sign
+
+    def advance(self, state, action):
+        after = super().advance(state, action)
+        truncation = after.done * (after.pipeline_state["sign"] > 0)
+        return after.replace(info=after.info | {"truncation": truncation})
+
+    def state_vector(self, world):
+        return jp.stack([world["sign"], jp.where(world["sign"] > 0, 0.0, world["step"] / self.horizon)])
 
 
 @dataclass(frozen=True)

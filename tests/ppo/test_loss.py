@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jp
@@ -15,6 +16,8 @@ from loco_mjx.ppo import distribution
 from loco_mjx.ppo.loss import Batch, loss, masked_mean, normalized_advantage
 
 CONFIG = PPOConfig(clip=0.2, entropy=0.01, value_loss=0.5)
+
+run_loss = jax.jit(partial(loss, config=CONFIG))
 
 
 def _case(ratios, advantage, weight=None, value=0.0, target=0.0):
@@ -35,7 +38,7 @@ def _case(ratios, advantage, weight=None, value=0.0, target=0.0):
 )
 def test_clipped_surrogate(ratio, advantage, surrogate):
     outputs, batch = _case([ratio], [advantage])
-    _, terms = loss(outputs, batch, batch.advantage, jp.array(1.0), CONFIG)
+    _, terms = run_loss(outputs, batch, batch.advantage, jp.array(1.0))
     np.testing.assert_allclose(terms["loss/policy"], -surrogate, rtol=1e-5)
     np.testing.assert_allclose(terms["policy/clip_fraction"], float(abs(ratio - 1) > 0.2))
     np.testing.assert_allclose(terms["policy/approx_kl"], ratio - 1 - np.log(ratio), rtol=1e-3)
@@ -43,7 +46,7 @@ def test_clipped_surrogate(ratio, advantage, surrogate):
 
 def test_terms_add_up_with_their_weights():
     outputs, batch = _case([1.1, 0.9], [1.0, -1.0], value=3.0, target=1.0)
-    total, terms = loss(outputs, batch, batch.advantage, jp.array(2.0), CONFIG)
+    total, terms = run_loss(outputs, batch, batch.advantage, jp.array(2.0))
     entropy = 0.5 * np.log(2 * np.pi * np.e) - 0.5
     np.testing.assert_allclose(terms["loss/value"], 4.0, rtol=1e-6)
     np.testing.assert_allclose(terms["policy/entropy"], entropy, rtol=1e-6)
@@ -56,6 +59,7 @@ def test_reset_rows_reach_neither_loss_nor_gradient():
     outputs, batch = _case([1.3, 0.6, 1.0, 0.9, 1.2, 0.7], [1.0, -2.0, 0.5, 3.0, 4.0, -1.0], weight, value=1.0)
     masked = batch.weight == 0
 
+    @jax.jit
     def run(batch):
         advantage = normalized_advantage(batch)
         return jax.value_and_grad(lambda o: loss(o, batch, advantage, batch.weight.sum(), CONFIG), has_aux=True)(
@@ -90,9 +94,9 @@ def test_parts_on_devices_add_up_to_the_whole():
         total_weight = total_weight if axis_name is None else jax.lax.psum(total_weight, axis_name)
         return loss(outputs, batch, normalized_advantage(batch, axis_name), total_weight, CONFIG)
 
-    whole = run(outputs, batch)
+    whole = jax.jit(run)(outputs, batch)
     halves = jax.tree.map(lambda x: x.reshape(2, 4, *x.shape[1:]), (outputs, batch))
-    parts = jax.vmap(lambda o, b: run(o, b, "env"), axis_name="env")(*halves)
+    parts = jax.jit(jax.vmap(lambda o, b: run(o, b, "env"), axis_name="env"))(*halves)
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y.sum(0), rtol=1e-5, atol=1e-6), whole, parts)
 
 

@@ -75,7 +75,7 @@ def test_a_damaged_checkpoint_is_named_and_the_one_before_it_used(tmp_path, harm
 def test_one_clear_line_where_no_whole_checkpoint_is_left(tmp_path):
     save(tmp_path, 1)
     largest_file(checkpoint.path_of(tmp_path, 1) / "state").unlink()
-    with pytest.raises(UserError, match="cut short .* delete .* to start again"):
+    with pytest.raises(UserError, match=r"cut short .* delete .* to start again"):
         restore(tmp_path)
 
 

@@ -60,13 +60,15 @@ def test_the_first_difference_is_named_with_both_values(tmp_path):
 def test_a_run_may_be_extended_unless_its_learning_rate_decays(tmp_path):
     directory.reconcile(tmp_path, tiny_config(6), tiny_config(7))
     with pytest.raises(UserError, match=r"ppo\.total_steps is 192 \(its learning rate decays"):
-        directory.reconcile(tmp_path, tiny_config(6, learning_rate_decay=True), tiny_config(7, learning_rate_decay=True))
+        directory.reconcile(
+            tmp_path, tiny_config(6, learning_rate_decay=True), tiny_config(7, learning_rate_decay=True)
+        )
 
 
 @pytest.mark.parametrize("content", ["", '{"policy": "state-', "[]", '{"policy": "state-only"}', '{"env": 3}'])
 def test_a_damaged_configuration_is_one_clear_line(tmp_path, content):
     (tmp_path / "config.json").write_text(content)
-    with pytest.raises(UserError, match="config.json") as error:
+    with pytest.raises(UserError, match=r"config\.json") as error:
         directory.find(tmp_path)
     assert "\n" not in str(error.value)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from typing import Any
 
 import jax
@@ -21,7 +22,10 @@ class TinyEnv:
     """Action: a push. Observation: place and time. Reward: closeness to the scene's place."""
 
     action_size = 1
-    observation_size = {"state": (2,)}
+
+    @property
+    def observation_size(self) -> dict[str, tuple[int, ...]]:
+        return {"state": (2,)}
 
     def make_pool(self, key: jax.Array, size: int) -> jax.Array:
         return jax.random.uniform(key, (size,))
@@ -72,6 +76,13 @@ def mesh() -> Mesh:
 
 
 def tiny_trainer(config: Config) -> Trainer:
+    """A trainer, the same one for runs that differ in length alone, so that it compiles once."""
+    assert not config.ppo.learning_rate_decay  # which would make the program depend on the length
+    return _trainer(dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, total_steps=1)))
+
+
+@cache
+def _trainer(config: Config) -> Trainer:
     return Trainer(config, TinyEnv(), mesh())
 
 

@@ -1,0 +1,1 @@
+"""Experiments as data, and the documents made from their results."""

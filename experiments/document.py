@@ -1,0 +1,156 @@
+"""Writes docs/results.md and its curves from the committed results: ``python -m experiments.document``."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+RESULTS = Path(__file__).parent / "results" / "cpu"
+CURVES = ROOT / "docs" / "learning.png"
+TAIL = 10  # iterations that a curve's end is averaged over
+
+INTRO = """# Results
+
+Written by `python -m experiments.document` from the files under `experiments/results/`; nothing here is typed by hand.
+"""
+LEARNING = """## Learning, on a CPU
+
+`python -m experiments.learning` trains these with the `fast` preset, seed 0, and evaluates each on {episodes} episodes of 1,000
+control steps in scenes it has not seen. Distances in m, lengths in control steps. "At the start" is the same policy before it
+has learnt: acting by its mean it stands still, exploring it falls over. "Exploring" is the policy as it acts in training, drawing
+from its Gaussian; the mean of the last {tail} iterations.
+
+![Distance and episode length over samples](learning.png)
+"""
+SPEED = """## Speed, on a CPU
+
+`python -m experiments.speed`, alone on the machine unless a file says otherwise. Absolute times vary from machine to machine; the peer is measured in
+the same run, on the same scenes, with as many threads.
+"""
+
+
+def rows(path: Path) -> list[dict[str, float]]:
+    """A metrics.csv as numbers; empty cells are left out."""
+    with path.open() as file:
+        return [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
+
+
+def runs() -> dict[str, Path]:
+    """The learning runs that have results, by name."""
+    return {path.parent.name: path.parent for path in sorted((RESULTS / "learning").glob("*/evaluation.json"))}
+
+
+def table(head: list[str], body: list[list[str]]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *body]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def machine(info: dict[str, Any]) -> str:
+    """One line: processor, devices, versions, commit."""
+    versions = ", ".join(f"{name} {info['versions'][name]}" for name in ("python", "jax", "mujoco-mjx", "brax"))
+    where = f"{info['machine']['system']}, {info['devices']['count']} {info['devices']['kind']} devices"
+    return f"{where}; {versions}; commit {info['git']['commit'][:10]}"
+
+
+def _curve_end(curve: list[dict[str, float]], name: str) -> float:
+    values = [row[name] for row in curve if name in row][-TAIL:]
+    return sum(values) / len(values)
+
+
+def learning_row(name: str, path: Path) -> list[str]:
+    """One run's line of the table."""
+    curve = rows(path / "metrics.csv")
+    result = json.loads((path / "evaluation.json").read_text())
+    still, metrics = result["standing_still"], result["metrics"]
+    first = curve[0]
+    return [
+        name,
+        f"{result['samples']:,}",
+        f"{curve[-1]['time/seconds'] / 60:.0f} min",
+        f"{metrics['distance']['mean']:.2f} ± {metrics['distance']['std']:.2f}",
+        f"{metrics['length']['mean']:.0f}",
+        f"{metrics['collisions']['mean']:.0f}",
+        f"{first['eval/distance']:.2f}",
+        f"{still['distance']:.2f}",
+        f"{first['episode/distance']:.2f} → {_curve_end(curve, 'episode/distance'):.2f}",
+        f"{first['episode/length']:.0f} → {_curve_end(curve, 'episode/length'):.0f}",
+    ]
+
+
+def learning() -> str:
+    """The section on learning."""
+    found = runs()
+    head = ["run", "samples", "time", "distance", "length", "collisions", "at the start", "standing still"]
+    head += ["exploring: distance", "exploring: length"]
+    text = LEARNING.format(episodes=len_episodes(found), tail=TAIL)
+    text += "\n" + table(head, [learning_row(name, path) for name, path in found.items()])
+    for name, path in found.items():
+        text += f"\n- `{name}`: {machine(json.loads((path / 'info.json').read_text()))}"
+    return text + "\n"
+
+
+def len_episodes(found: dict[str, Path]) -> int:
+    """How many episodes the evaluations have; they agree."""
+    counts = {json.loads((p / "evaluation.json").read_text())["num_episodes"] for p in found.values()}
+    if len(counts) != 1:
+        raise SystemExit(f"the evaluations have different numbers of episodes: {sorted(counts)}")
+    return counts.pop()
+
+
+def speed() -> str:
+    """The section on speed."""
+    body = []
+    for path in sorted((RESULTS / "bench").glob("*.json")):
+        result = json.loads(path.read_text())
+        peer = result.get("peer")
+        body.append(
+            [
+                f"`{result['command']}`",
+                f"{result['per_second']:,.0f}",
+                f"{peer['name']} {peer['per_second']:,.0f}" if peer else "",
+                f"{result['per_second'] / peer['per_second']:.1f}×" if peer else "",
+                f"{result['compile_seconds']:.0f} s",
+                str(result["num_envs"]),
+                str(result["devices"]),
+            ]
+        )
+    head = ["command", "per second", "peer per second", "ratio", "compile", "environments", "devices"]
+    return SPEED + "\n" + table(head, body)
+
+
+def curves() -> None:
+    """Draws distance and length over samples of every learning run."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), constrained_layout=True)
+    for i, (name, path) in enumerate(runs().items()):
+        curve, color = rows(path / "metrics.csv"), f"C{i}"
+        for key, style, label in (("eval/distance", "o-", f"{name}, mean action"), ("episode/distance", "-", None)):
+            points = [(row["step"] / 1e6, row[key]) for row in curve if key in row]
+            alpha = 1.0 if label else 0.4
+            left.plot(*zip(*points, strict=True), style, color=color, alpha=alpha, label=label, markersize=4)
+        points = [(row["step"] / 1e6, row["episode/length"]) for row in curve if "episode/length" in row]
+        right.plot(*zip(*points, strict=True), color=color, label=name)
+    left.set(xlabel="samples, millions", ylabel="distance per episode, m", title="faint: exploring")
+    right.set(xlabel="samples, millions", ylabel="episode length, control steps", title="exploring")
+    for axis in (left, right):
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=8)
+    figure.savefig(CURVES, dpi=110)
+
+
+def main() -> None:
+    """Writes the document and its figure."""
+    curves()
+    (ROOT / "docs" / "results.md").write_text("\n".join([INTRO, learning(), speed()]))
+
+
+if __name__ == "__main__":
+    main()

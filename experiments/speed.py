@@ -1,0 +1,39 @@
+"""How fast is it? Runs the benchmarks and keeps their JSON: ``python -m experiments.speed``."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+RESULTS = Path(__file__).parent / "results" / "cpu" / "bench"
+BENCHES = (
+    ("depth", "thin", None),
+    ("depth", "mountain", None),
+    ("physics", "thin", None),
+    ("physics", "mountain", None),
+    ("env", "thin", None),
+    ("env", "mountain", None),
+    ("train", "thin", "loco-transformer"),
+    ("train", "thin", "state-only"),
+    ("train", "mountain", "loco-transformer"),
+)
+
+
+def main() -> None:
+    """Runs every benchmark, one after the other."""
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    for kind, task, policy in BENCHES:
+        command = ["bench", kind, "--task", task, *(["--policy", policy] if policy else []), "--json"]
+        done = subprocess.run(
+            [sys.executable, "-m", "loco_mjx.cli.main", *command], check=True, capture_output=True, text=True
+        )
+        result = {"command": " ".join(["loco-mjx", *command])} | json.loads(done.stdout)
+        name = "-".join(filter(None, (kind, task, policy)))
+        (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+        print(name, round(result["per_second"]), flush=True)
+
+
+if __name__ == "__main__":
+    main()

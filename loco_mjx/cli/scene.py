@@ -1,0 +1,176 @@
+"""`loco-mjx scene`: writes a generated scene as MJCF, and a picture of it beside what the depth camera sees."""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+import platform
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from loco_mjx.cli.parse import parse
+from loco_mjx.errors import UserError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from loco_mjx.scene.types import Scene
+
+PROG = "loco-mjx scene"
+LARGEST_SEED = 2**32 - 1
+PICTURE = (640, 960)  # rows and columns of the third-person view
+NO_GL = (
+    "--png needs OpenGL, and MuJoCo finds none that it can use here (MUJOCO_GL is {choice}); on Debian or Ubuntu "
+    "install libegl1 libopengl0 libgl1-mesa-dri and leave MUJOCO_GL unset, or do without --png"
+)
+
+
+@dataclass(frozen=True)
+class Options:
+    """Writes one of a task's scenes, with the robot in it, as MJCF and as a picture."""
+
+    task: str = "thin"
+    """Which task's scene."""
+    seed: int = 0
+    """Which of its scenes; the same seed gives the same scene."""
+    out: Path | None = None
+    """File for the MJCF; any MuJoCo viewer opens it by itself."""
+    png: Path | None = None
+    """File for a picture: the scene from behind the robot, and its depth image."""
+
+
+def main(args: Sequence[str]) -> int:
+    """Runs the command.
+
+    Raises:
+        UserError: as :func:`scene`.
+    """
+    options = parse(Options, args, PROG)
+    from loco_mjx.run import machine
+
+    if options.png is not None:
+        choose_gl()
+    machine.set_up()
+    scene(options.task, options.seed, options.out, options.png)
+    return 0
+
+
+def scene(task: str = "thin", seed: int = 0, out: Path | None = None, png: Path | None = None) -> None:
+    """Writes one of a task's scenes, with the robot standing at its start.
+
+    Args:
+        task: the task's name.
+        seed: which of its scenes, 0 … 2³² − 1.
+        out: file for the MJCF; replaced if it exists.
+        png: file for the picture; replaced if it exists. Needs OpenGL; without it the MJCF is written all the same.
+
+    Raises:
+        UserError: if the task is unknown, the seed out of range, there is nothing to write or nowhere to write it, or
+            OpenGL is missing.
+    """
+    import jax
+
+    from loco_mjx.scene.mjcf import scene_xml
+    from loco_mjx.scene.tasks import get_task
+
+    generate = get_task(task).generate
+    if not 0 <= seed <= LARGEST_SEED:
+        raise UserError(f"seed is {seed}; accepted: 0 to {LARGEST_SEED}")
+    if out is None and png is None:
+        raise UserError("nothing to write; accepted: --out FILE.xml, --png FILE.png, or both")
+    for path in (out, png):
+        _check_writable(path)
+    world = jax.jit(generate)(jax.random.PRNGKey(seed))
+    if out is not None:
+        _write(out, scene_xml(world).encode())
+    if png is not None:
+        _write(png, picture(world, f"{task}, seed {seed}"))
+
+
+def _check_writable(path: Path | None) -> None:
+    if path is not None and path.is_dir():
+        raise UserError(f"'{path}' is a directory; accepted: the name of a file")
+    if path is not None and not path.parent.is_dir():
+        raise UserError(f"there is no directory '{path.parent}' to write '{path.name}' into")
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise UserError(f"cannot write '{path}': {error.strerror}") from None
+    print(f"wrote {path} ({len(content) // 1024} KB)")
+
+
+def choose_gl() -> None:
+    """Has MuJoCo render without a display, unless the user chose otherwise; to be called before importing MuJoCo.
+
+    Only what is installed is chosen, for MuJoCo fails to import where the one that MUJOCO_GL names is missing.
+    """
+    if "MUJOCO_GL" in os.environ or platform.system() != "Linux":
+        return
+    for name, libraries in (("egl", ("EGL", "OpenGL")), ("osmesa", ("OSMesa",))):
+        if all(map(ctypes.util.find_library, libraries)):
+            os.environ["MUJOCO_GL"] = name
+            return
+
+
+def picture(world: Scene, title: str) -> bytes:
+    """A PNG: the scene from behind the robot, and its depth image.
+
+    Raises:
+        UserError: if this machine has no OpenGL.
+    """
+    import io
+    import math
+
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    from loco_mjx.config import DepthConfig
+    from loco_mjx.depth.render import render
+    from loco_mjx.scene.mjcf import home_qpos
+
+    config = DepthConfig()
+    depth = render(world, home_qpos(world).astype(np.float32), config)
+    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
+    scenery, image = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
+    scenery.imshow(_third_person(world))
+    scenery.set_title(title)
+    scenery.axis("off")
+    # Pixels are wider than high: the image is square, the field of view is not.
+    aspect = math.tan(math.radians(config.vertical_fov) / 2) / math.tan(math.radians(config.horizontal_fov) / 2)
+    shown = image.imshow(depth, cmap="viridis_r", vmin=config.near, vmax=config.far, aspect=aspect)
+    image.set_title("what the depth camera sees")
+    image.axis("off")
+    figure.colorbar(shown, ax=image, label="m", shrink=0.7)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=100)
+    return buffer.getvalue()
+
+
+def _third_person(world: Scene) -> np.ndarray:
+    """(rows, columns, 3) uint8 view from behind and above the robot, over what lies ahead of it."""
+    import mujoco
+    import numpy as np
+
+    from loco_mjx.scene.mjcf import scene_spec
+
+    model = scene_spec(world).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+    mujoco.mj_forward(model, data)
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = data.qpos[:3] + np.array([2.0, 0.0, 0.2])
+    camera.distance, camera.azimuth, camera.elevation = 5.0, 8.0, -20.0
+    try:
+        # Without a display, GLFW warns on stderr before it fails.
+        with warnings.catch_warnings(action="ignore"), mujoco.Renderer(model, *PICTURE) as renderer:
+            renderer.update_scene(data, camera)
+            return renderer.render()
+    except Exception:  # each GL library has errors of its own
+        choice = repr(os.environ["MUJOCO_GL"]) if "MUJOCO_GL" in os.environ else "unset"
+        raise UserError(NO_GL.format(choice=choice)) from None

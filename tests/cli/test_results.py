@@ -1,0 +1,95 @@
+"""evaluate and bench: what they print, and what they refuse."""
+
+import json
+
+import pytest
+
+from loco_mjx.cli import bench as bench_cli
+from loco_mjx.cli.main import main
+from loco_mjx.run import bench, checkpoint, directory, loop
+from tests.run.tiny import TinyEnv, tiny_config, tiny_trainer
+
+
+@pytest.fixture
+def trained(tmp_path, monkeypatch):
+    """A run of the tiny environment, evaluated in it."""
+    config, trainer = tiny_config(), tiny_trainer(tiny_config())
+    with directory.claim(tmp_path / "run"):
+        directory.record_start(tmp_path / "run", config, {})
+    state, _ = trainer.iterate(trainer.init(), trainer.make_pool(0))
+    checkpoint.save(tmp_path / "run", 32, state, loop.policy_of(state), config)
+    import loco_mjx.evaluation.policy
+    import loco_mjx.evaluation.report
+
+    monkeypatch.setattr(loco_mjx.evaluation.report, "LocoEnv", lambda config: TinyEnv())
+    monkeypatch.setattr(loco_mjx.evaluation.policy, "observation_shapes", lambda config: TinyEnv().observation_size)
+    monkeypatch.setattr(type(config.env.action), "size", 1)
+    return tmp_path / "run"
+
+
+def only_object(text):
+    assert len(text.splitlines()) == 1
+    return json.loads(text)
+
+
+def test_evaluate_prints_one_json_object_and_keeps_it(trained, capsys):
+    assert main(["evaluate", str(trained), "--episodes", "3", "--json"]) == 0
+    result = only_object(capsys.readouterr().out)
+    assert (result["policy"], result["task"], result["samples"]) == ("state-only", "thin", 32)
+    assert result["metrics"]["length"] == {"mean": 10.0, "std": 0.0}
+    assert len(result["episodes"]["distance"]) == 3
+    (kept,) = (trained / "evaluation").iterdir()
+    assert json.loads(kept.read_text()) == result
+    assert kept.name == "thin-32-seed0.json"
+
+
+def test_evaluate_prints_a_table(trained, capsys):
+    assert main(["evaluate", str(trained), "--episodes", "2", "--stochastic"]) == 0
+    page = capsys.readouterr().out
+    assert "distance" in page and "2 episodes, stochastic" in " ".join(page.split())
+
+
+def test_evaluate_refuses_what_is_no_run(tmp_path, capsys, trained):
+    (trained / "checkpoints" / "000000000032" / "manifest.json").unlink()
+    cases = {
+        "nowhere": (["evaluate", str(tmp_path / "nowhere")], "no run in"),
+        "unknown": (["evaluate", str(trained), "--task", "wid"], "'wide'"),
+        "damaged": (["evaluate", str(trained)], "cut short"),
+        "missing": (["evaluate"], "directory"),
+    }
+    for args, words in cases.values():
+        assert main(args) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and len(err.splitlines()) == 1 and words.lower() in err.lower(), err
+
+
+def test_bench_prints_one_json_object_whatever_else_is_printed(capsys, monkeypatch):
+    def noisy(options):
+        print("a library's chatter")
+        return {"bench": options.part, "task": "thin", "per_second": 12.0, "num_envs": 4}
+
+    monkeypatch.setattr(bench_cli, "measure", noisy)
+    assert main(["bench", "depth", "--json", "--num-envs", "4"]) == 0
+    result = only_object(capsys.readouterr().out)
+    assert result["per_second"] == 12.0
+    assert result["devices"] >= 1 and "jax" in result["versions"]
+
+
+def test_bench_refuses_what_it_does_not_know(capsys):
+    for args in (["bench", "nets"], ["bench", "env", "--task", "thinn"], ["bench", "env", "--num-envs", "0"]):
+        assert main(args) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and len(err.splitlines()) == 1, err
+
+
+def test_bench_of_environment_and_training(monkeypatch):
+    monkeypatch.setattr(bench, "LocoEnv", lambda config: TinyEnv())
+    config = tiny_config()
+    stepping = bench.bench_env(config, seconds=0.0)
+    training = bench.bench_train(config, seconds=0.0)
+    assert stepping["per_second"] > 0 and stepping["compile_seconds"] > 0
+    assert training["compilations"] == 1
+    parts = training["collect_seconds"] + training["learn_seconds"]
+    assert parts == pytest.approx(training["iteration_seconds"])
+    assert training["per_second"] == pytest.approx(32 / training["iteration_seconds"])
+    assert 0 < training["startup_seconds"] < 24 * 3600

@@ -1,0 +1,109 @@
+import dataclasses
+
+import jax
+import jax.numpy as jp
+import numpy as np
+import pytest
+from brax.envs.base import State
+
+from loco_mjx.config import preset
+from loco_mjx.errors import UserError
+from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, means, summarize
+from loco_mjx.networks.policies import Outputs
+from loco_mjx.ppo import normalizer
+from tests.run.tiny import mesh
+
+HORIZON = 6
+
+
+class Staircase:
+    """Step t is worth t; `end` is drawn from 2..4 or is beyond the horizon; after it everything is worth 1000."""
+
+    def reset(self, key):
+        end = 2 + jax.random.randint(key, (), 0, 4)
+        end = jp.where(end == 5, HORIZON + 10, end)
+        zero = jp.zeros(())
+        info = {"t": zero, "end": end.astype(jp.float32), "truncation": zero}
+        metrics = {"distance": zero, "speed": zero, "action": zero, "end": zero}
+        return State(None, {"state": jp.zeros(2)}, zero, zero, metrics, info)
+
+    def step(self, state, action):
+        t, end = state.info["t"] + 1, state.info["end"]
+        over = t > end
+        worth = jp.where(over, 1000.0, t)
+        truncated = (t >= HORIZON).astype(jp.float32)
+        done = jp.where(over, 0.0, jp.maximum((t == end).astype(jp.float32), truncated))
+        metrics = {"distance": worth, "speed": worth, "action": action[0], "end": jp.where(t == 1, end, 0.0)}
+        info = state.info | {"t": t, "truncation": truncated * (t != end)}
+        return state.replace(reward=2 * worth, done=done, metrics=metrics, info=info)
+
+
+class Constant:
+    """A policy whose mean is atanh(0.5)."""
+
+    def apply(self, params, obs):
+        shape = obs["state"].shape[:-1]
+        mean = jp.full((*shape, 1), jp.arctanh(0.5))
+        return Outputs(mean, jp.zeros((*shape, 1)), jp.zeros(shape))
+
+
+def run(episodes, seed=0, deterministic=True):
+    evaluator = Evaluator(Staircase(), Constant(), HORIZON, mesh(), deterministic)
+    return evaluator.run({}, normalizer.create(2), seed, episodes)
+
+
+def test_metrics_are_sums_up_to_the_first_done():
+    figures = run(16)
+    ends = figures["end"]
+    assert set(ends) == {2.0, 3.0, 4.0, HORIZON + 10.0}
+    length = np.minimum(ends, HORIZON)
+    np.testing.assert_array_equal(figures["length"], length)
+    np.testing.assert_array_equal(figures["distance"], length * (length + 1) / 2)  # 1 + 2 + … + length
+    np.testing.assert_array_equal(figures["return"], length * (length + 1))
+    np.testing.assert_array_equal(figures["speed"], (length + 1) / 2)  # a mean, unlike the others
+    np.testing.assert_array_equal(figures["survived"], ends > HORIZON)
+
+
+def test_the_deterministic_policy_acts_by_the_squashed_mean():
+    figures = run(4)
+    np.testing.assert_allclose(figures["action"] / figures["length"], 0.5, rtol=1e-6)
+    drawn = run(4, deterministic=False)
+    assert np.std(drawn["action"] / drawn["length"]) > 0.01
+
+
+@pytest.mark.parametrize("deterministic", [True, False])
+def test_an_episode_does_not_depend_on_how_many_run_beside_it(deterministic, monkeypatch):
+    whole = run(7, deterministic=deterministic)
+    monkeypatch.setattr("loco_mjx.evaluation.episodes.CHUNK", 2)
+    for name, values in run(5, deterministic=deterministic).items():
+        assert values.shape == (5,)
+        np.testing.assert_allclose(values, whole[name][:5], rtol=1e-6)
+
+
+def test_seeds_give_other_episodes_and_the_same_again():
+    assert np.array_equal(run(16, seed=1)["end"], run(16, seed=1)["end"])
+    assert not np.array_equal(run(16, seed=1)["end"], run(16, seed=2)["end"])
+
+
+def test_no_episodes_are_refused():
+    with pytest.raises(UserError, match="episodes is 0"):
+        run(0)
+
+
+def test_mean_and_standard_deviation():
+    figures = {"distance": np.array([1.0, 3.0])}
+    assert means(figures) == {"distance": 2.0}
+    assert summarize(figures) == {"distance": {"mean": 2.0, "std": 1.0}}
+
+
+def test_evaluation_turns_noise_off_unless_asked_and_changes_nothing_else():
+    env = preset("fast").env
+    depth = dataclasses.replace(env.observation.depth, noise=True)
+    noisy = dataclasses.replace(
+        env,
+        observation=dataclasses.replace(env.observation, depth=depth),
+        randomization=dataclasses.replace(env.randomization, enabled=True),
+    )
+    assert evaluation_config(noisy) == env
+    assert evaluation_config(noisy, "wide") == dataclasses.replace(env, task="wide")
+    assert evaluation_config(env, randomize=True).randomization.enabled

@@ -1,0 +1,151 @@
+"""The training program: reproducible, compiled once, the same on one device and two."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jp
+import numpy as np
+import pytest
+from jax.sharding import Mesh
+
+from loco_mjx.errors import UserError
+from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.ppo.inference import make_inference
+from loco_mjx.ppo.train import AXIS, Trainer
+from tests.ppo.probes import BrokenProbe, Probe, tiny
+
+
+def _mesh(devices):
+    return Mesh(np.array(jax.devices()[:devices]), (AXIS,))
+
+
+def _whole_batch(devices):
+    """A trainer whose one minibatch is the whole rollout, so that shuffling does not matter.
+
+    The probe yields what is not finite: all that is promised below holds nevertheless.
+    """
+    config = tiny(minibatch=128, epochs=4, pool_refresh=2)
+    return Trainer(config, BrokenProbe(horizon=6, start_spread=4), _mesh(devices))
+
+
+@pytest.fixture(scope="module")
+def one():
+    return _whole_batch(1)
+
+
+@pytest.fixture(scope="module")
+def two():
+    return _whole_batch(2)
+
+
+def _train(trainer, iterations):
+    state, history = trainer.init(), []
+    for i in range(iterations):
+        state, metrics = trainer.iterate(state, trainer.make_pool(i))
+        history.append(jax.device_get(metrics))
+    return jax.device_get(state), history
+
+
+def _assert_equal(x, y):
+    jax.tree.map(np.testing.assert_array_equal, x, y)
+
+
+def test_same_seed_same_bits_and_one_compilation(two):
+    first, second = _train(two, 3), _train(two, 3)
+    _assert_equal(first, second)
+    assert two.iterate._cache_size() == 1
+    assert two._make_pool._cache_size() == 1
+    state, history = first
+    assert int(state.iteration) == 3 and int(state.samples) == 3 * 128
+    assert not np.array_equal(history[0]["loss/total"], history[1]["loss/total"])
+
+
+def test_state_is_arrays_of_fixed_types(two):
+    state = two.init()
+    leaves = jax.tree.leaves(state)
+    assert all(isinstance(x, jax.Array) and not x.weak_type for x in leaves)
+    shapes = jax.tree.map(lambda x: (x.shape, x.dtype), state)
+    assert shapes == jax.tree.map(lambda x: (x.shape, x.dtype), two.iterate(state, two.make_pool(0))[0])
+
+
+def test_collect_then_update_is_iterate(two):
+    pool = two.make_pool(0)
+    state, rollout, collected = two.collect(two.init(), pool)
+    state, learnt = two.update(state, rollout)
+    iterated, metrics = two.iterate(two.init(), pool)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-4, atol=1e-6), state.params, iterated.params)
+    assert set(metrics) == set(collected) | set(learnt)
+    assert all(x.shape == () for x in metrics.values())
+
+
+def test_two_devices_do_what_one_does(one, two):
+    """Environments' keys do not depend on the devices, and sums over them make the minibatch whole."""
+    (state_one, history_one), (state_two, history_two) = _train(one, 3), _train(two, 3)
+    for metrics_one, metrics_two in zip(history_one, history_two, strict=True):
+        for name, value in metrics_one.items():
+            np.testing.assert_allclose(metrics_two[name], value, rtol=2e-2, atol=2e-3, err_msg=name)
+    np.testing.assert_array_equal(state_one.env_state.done, state_two.env_state.done)
+    np.testing.assert_array_equal(state_one.env_state.obs["state"], state_two.env_state.obs["state"])
+    np.testing.assert_allclose(state_one.normalizer.mean, state_two.normalizer.mean, atol=1e-5)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=5e-3), state_one.params, state_two.params)
+
+
+def test_environments_differ(two):
+    signs = np.asarray(two.init().env_state.pipeline_state["sign"])
+    assert signs.shape == (16,) and len(set(signs.tolist())) == 2
+    _, rollout, _ = two.collect(two.init(), two.make_pool(0))
+    actions = np.asarray(rollout.action)
+    assert len(np.unique(actions)) == actions.size
+
+
+def test_pools_follow_the_seed_and_the_iteration(one, two):
+    _assert_equal(one.make_pool(1), one.make_pool(0))  # pool_refresh is 2
+    _assert_equal(one.make_pool(3), two.make_pool(2))
+    assert not np.array_equal(one.make_pool(2), one.make_pool(0))
+
+
+def test_normaliser_takes_in_what_was_collected_after_the_update(two):
+    pool, start = two.make_pool(0), two.init()
+    _, rollout, _ = two.collect(start, pool)
+    state, _ = two.iterate(start, pool)
+    expected = normalizer_lib.update(normalizer_lib.create(2), rollout.state[:-1], rollout.weight)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-4, atol=1e-5), state.normalizer, expected)
+    assert float(state.normalizer.count) == 128 - float(rollout.reset.sum()) < 128
+
+
+def test_seeds_can_be_vmapped(one):
+    pool = one.make_pool(0)
+    keys = jp.stack([jax.random.PRNGKey(seed) for seed in (0, 1)])
+    states = jax.jit(jax.vmap(one.start, (0, None)))(keys, pool)
+    states, metrics = jax.jit(jax.vmap(one.step, (0, None)))(states, pool)
+    alone, expected = one.iterate(one.init(), pool)
+    assert metrics["loss/total"].shape == (2,)
+    for name, value in expected.items():
+        np.testing.assert_allclose(metrics[name][0], value, rtol=1e-3, atol=1e-4, err_msg=name)
+    assert abs(float(metrics["policy/approx_kl"][0] - metrics["policy/approx_kl"][1])) > 0
+    first = jax.tree.map(lambda x: x[0], states.params)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-3), first, alone.params)
+
+
+def test_learns_and_nothing_that_is_not_finite_reaches_the_parameters(two):
+    state, history = _train(two, 40)
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves((state.params, state.opt_state, state.normalizer)))
+    assert all(np.isfinite(x) for metrics in history for x in metrics.values())
+    assert all(metrics["nonfinite"] > 10 and metrics["skipped_updates"] == 0 for metrics in history)
+    # Two of three rewards can be earned, by acting as the sign says.
+    assert abs(history[0]["step/reward"]) < 0.2 and history[-1]["step/reward"] > 0.4
+    act = make_inference(two.networks, state.params, state.normalizer, deterministic=True)
+    obs = {"state": jp.array([[1.0, 0.5], [-1.0, 0.5]])}
+    actions = jax.jit(act)(obs, jax.random.PRNGKey(0))
+    assert float(actions[0, 0]) > 0.7 and float(actions[1, 0]) < -0.7
+    draw = make_inference(two.networks, state.params, state.normalizer, deterministic=False)
+    drawn = jax.jit(jax.vmap(draw, (None, 0)))(obs, jax.random.split(jax.random.PRNGKey(0), 64))
+    assert drawn.shape == (64, 2, 1) and float(jp.abs(drawn).max()) <= 1.0
+    assert float(drawn[:, 0].std()) > 0.01 and float(drawn[:, 0].mean()) > 0.5
+
+
+def test_sizes_and_senses_must_fit():
+    with pytest.raises(UserError, match="needs depth"):
+        Trainer(tiny("loco-transformer"), Probe())
+    with pytest.raises(UserError, match="num_envs 15 does not divide over 2 devices"):
+        Trainer(tiny(num_envs=15, minibatch=30), Probe(), _mesh(2))
