@@ -232,8 +232,32 @@ def check(config: Config, num_devices: int = 1) -> None:
             f"ppo.minibatch {ppo.minibatch} does not divide the {ppo.samples_per_iteration} samples of an iteration "
             f"(num_envs {ppo.num_envs} × unroll {ppo.unroll}); accepted: a divisor of it"
         )
+    _check_ranges(config)
     if config.network.tokens_per_side not in (1, 2, 4):
         raise UserError(f"network.tokens_per_side is {config.network.tokens_per_side}; accepted: 1, 2, 4")
+
+
+def _check_ranges(config: Config) -> None:
+    """Checks single values of the environment and the learner."""
+    if config.env.horizon < 1:
+        raise UserError(f"env.horizon is {config.env.horizon}; accepted: 1 or more control steps")
+    if config.ppo.learning_rate <= 0:
+        raise UserError(f"ppo.learning_rate is {config.ppo.learning_rate}; accepted: more than 0")
+    for name in ("discount", "gae_lambda"):
+        if not 0 <= getattr(config.ppo, name) <= 1:
+            raise UserError(f"ppo.{name} is {getattr(config.ppo, name)}; accepted: 0 to 1")
+    for name, value in dataclasses.asdict(config.env.randomization).items():
+        if isinstance(value, tuple) and not 0 <= value[0] <= value[1]:
+            raise UserError(
+                f"env.randomization.{name} is {value}; accepted: two values, the lower first, neither negative"
+            )
+    depth = config.env.observation.depth
+    if not 0 < depth.near < depth.far:
+        raise UserError(f"env.observation.depth: near {depth.near}, far {depth.far}; accepted: 0 < near < far")
+    if not 0 <= depth.blind_min <= depth.blind_max:
+        raise UserError(
+            f"env.observation.depth: blind_min {depth.blind_min}, blind_max {depth.blind_max} are not in order"
+        )
 
 
 def to_dict(config: Any) -> dict[str, Any]:

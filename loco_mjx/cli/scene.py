@@ -127,18 +127,20 @@ def picture(world: Scene, title: str) -> bytes:
     import io
     import math
 
-    import numpy as np
+    import jax
+    import jax.numpy as jp
     from matplotlib.figure import Figure
 
     from loco_mjx.config import DepthConfig
     from loco_mjx.depth.render import render
     from loco_mjx.scene.mjcf import home_qpos
 
+    view = _third_person(world)  # first, for it is what may fail
     config = DepthConfig()
-    depth = render(world, home_qpos(world).astype(np.float32), config)
+    depth = jax.jit(render, static_argnums=2)(world, jp.asarray(home_qpos(world), jp.float32), config)
     figure = Figure(figsize=(13.0, 4.6), layout="constrained")
     scenery, image = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
-    scenery.imshow(_third_person(world))
+    scenery.imshow(view)
     scenery.set_title(title)
     scenery.axis("off")
     # Pixels are wider than high: the image is square, the field of view is not.

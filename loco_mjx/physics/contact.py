@@ -1,7 +1,7 @@
 """Constraints from the contact slots and the joint limits, as MuJoCo makes them.
 
 Formulas: MuJoCo's documentation, "Computation", "Constraint model" (pyramidal friction cones). Arrays have the N
-environments on their last axis, (4, N) over legs; see solver.py for why everything is elementwise.
+environments on their last axis, (4, N) over legs.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ import jax.numpy as jp
 import numpy as np
 
 from loco_mjx import a1
-from loco_mjx.physics import solver
-from loco_mjx.physics.kinematics import LEGS, RADII, Pose, Vector, column, trunk_centers
+from loco_mjx.physics import arrow
+from loco_mjx.physics.arrow import BASE, JOINTS, LEGS, Motion
+from loco_mjx.physics.kinematics import RADII, Pose, Vector, column, trunk_centers
 from loco_mjx.physics.model import PhysicsModel, Softness
-from loco_mjx.physics.slots import Planes
-from loco_mjx.physics.solver import Constraints, Motion
+from loco_mjx.physics.slots import Planes, Slots
+from loco_mjx.physics.solver import Constraints
+from loco_mjx.physics.stage import add_up
 
 
 def _cross(a: Vector, b: Vector) -> Vector:
@@ -62,7 +64,7 @@ def _weight_and_pull(
 
 def _base_rows(robot: Pose, point: Vector, direction: Vector) -> list[jax.Array]:
     """Jacobian in the base's 6 degrees of freedom of points' velocities along directions."""
-    moment = (_cross(_sub(point, robot.origin), direction))
+    moment = _cross(_sub(point, robot.origin), direction)
     return [*direction, *(_dot(axis, moment) for axis in (robot.forward, robot.left, robot.up))]
 
 
@@ -75,19 +77,21 @@ def _joint_rows(robot: Pose, point: Vector, direction: Vector) -> list[jax.Array
 def _contact_point(center: Vector, plane: Planes, radius: np.ndarray | float) -> Vector:
     """Halfway between the sphere's surface and the plane."""
     depth = radius + 0.5 * plane.distance
-    return tuple(c - n * depth for c, n in zip(center, plane.normal, strict=True))  # type: ignore[return-value]
+    x, y, z = (c - n * depth for c, n in zip(center, plane.normal, strict=True))
+    return x, y, z
 
 
 def _stacked(vectors: list[Vector]) -> Vector:
-    return tuple(solver.stack([v[i] for v in vectors]) for i in range(3))  # type: ignore[return-value]
+    x, y, z = (jp.stack([v[i] for v in vectors]) for i in range(3))
+    return x, y, z
 
 
-class _Slots(NamedTuple):
-    """Planes of the legs' slots: the feet's F, hips, knees.
+class _LegRows(NamedTuple):
+    """Contacts of the legs: of the feet's F slots, hips, knees.
 
     Attributes:
         distance: (F + 2, 4, N).
-        point: x, y, z of the contacts, each (P, 4, N), one per row of the Jacobian.
+        point: x, y, z of the contacts, each (P, 4, N), for each row of the Jacobian.
         direction: of each row, likewise.
     """
 
@@ -96,56 +100,57 @@ class _Slots(NamedTuple):
     direction: Vector
 
 
-def _leg_slots(robot: Pose, feet: tuple[Planes, ...], hips: Planes, knees: Planes) -> _Slots:
-    planes = (*feet, hips, knees)
+def _leg_rows(robot: Pose, slots: Slots) -> _LegRows:
+    feet = slots.feet
+    planes = (*feet, slots.hips, slots.knees)
     centers = (*[robot.foot] * len(feet), robot.shoulder, robot.knee)
     radii = (*[RADII[0]] * len(feet), RADII[LEGS], RADII[2 * LEGS])
     points = [_contact_point(c, plane, r) for c, plane, r in zip(centers, planes, radii, strict=True)]
     frames = [tangents(plane.normal) for plane in feet]
     directions = [plane.normal for plane in feet] + [f[0] for f in frames] + [f[1] for f in frames]
-    directions += [hips.normal, knees.normal]
+    directions += [slots.hips.normal, slots.knees.normal]
     rows = points[: len(feet)] * 3 + points[len(feet) :]
-    return _Slots(solver.stack([plane.distance for plane in planes]), _stacked(rows), _stacked(directions))
+    return _LegRows(jp.stack([plane.distance for plane in planes]), _stacked(rows), _stacked(directions))
 
 
 def _legs(
-    model: PhysicsModel, robot: Pose, velocity: Motion, legs: _Slots, friction: jax.Array, mass: jax.Array
+    model: PhysicsModel, robot: Pose, velocity: Motion, legs: _LegRows, friction: jax.Array, mass: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Jacobian, reference and weight of the legs' contacts; see solver.Constraints."""
     slots = legs.distance.shape[0] - 2
-    joints = _joint_rows(robot, legs.point, legs.direction)
     # A hip's sphere moves with the hip joint only.
-    with_knee = (np.arange(3 * slots + 2) != 3 * slots).astype(np.float32).reshape(-1, 1, 1)
-    joints = [joints[0], joints[1] * with_knee, joints[2] * with_knee]
-    jacobian = solver.stack([*_base_rows(robot, legs.point, legs.direction), *joints])
+    beyond_hip = (np.arange(3 * slots + 2) != 3 * slots).astype(np.float32).reshape(-1, 1, 1)
+    hip, thigh, calf = _joint_rows(robot, legs.point, legs.direction)
+    base = _base_rows(robot, legs.point, legs.direction)
+    jacobian = jp.stack([*base, hip, thigh * beyond_hip, calf * beyond_hip])
     # As in MuJoCo, every edge of a pyramid has this times its normal's inverse weight.
     edge = 2.0 * friction * friction * (1.0 + friction * friction) / mass
-    by_leg = np.asarray(model.sphere_invweight[: 3 * LEGS], np.float32).reshape(3, 1, LEGS, 1)
+    by_leg = model.sphere_invweight[: 3 * LEGS].reshape(3, 1, LEGS, 1)
     feet, others = legs.distance[:slots], legs.distance[slots:]
     foot_weight, foot_pull = _weight_and_pull(model.softness, feet, by_leg[0] * edge)
     other_weight, other_pull = _weight_and_pull(model.softness, others, by_leg[1:, 0] / mass)
-    speed = sum(jacobian[i] * velocity.base[i] for i in range(6))
-    speed = (speed + sum(jacobian[6 + j] * velocity.joints[j] for j in range(3)))
+    speed = add_up(jacobian[i] * velocity.base[i] for i in range(BASE))
+    speed = speed + add_up(jacobian[BASE + j] * velocity.joints[j] for j in range(JOINTS))
     damped = -model.softness.damping * speed
     reference = [damped[:slots] + foot_pull, damped[slots : 3 * slots], damped[3 * slots :] + other_pull]
-    return jacobian, solver.concatenate(reference), solver.concatenate([foot_weight, other_weight])
+    return jacobian, jp.concatenate(reference), jp.concatenate([foot_weight, other_weight])
 
 
 def _trunk(
     model: PhysicsModel, robot: Pose, velocity: Motion, plane: Planes, mass: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Jacobian, reference and weight of the trunk's contacts."""
-    point = (_contact_point(trunk_centers(robot), plane, column(RADII[3 * LEGS :], plane.distance)))
-    jacobian = solver.stack(_base_rows(robot, point, plane.normal))
+    point = _contact_point(trunk_centers(robot), plane, column(RADII[3 * LEGS :], plane.distance))
+    jacobian = jp.stack(_base_rows(robot, point, plane.normal))
     invweight = column(model.sphere_invweight[3 * LEGS :], plane.distance) / mass
     weight, pull = _weight_and_pull(model.softness, plane.distance, invweight)
-    speed = sum(jacobian[i] * velocity.base[i] for i in range(6))
+    speed = add_up(jacobian[i] * velocity.base[i] for i in range(BASE))
     return jacobian, pull - model.softness.damping * speed, weight
 
 
 def _limits(model: PhysicsModel, angles: jax.Array, speeds: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Sign, reference and weight of the joint limits, each (3, 4, N), like the arguments."""
-    shape = lambda values: np.asarray(values, np.float32).reshape(LEGS, 3).T[:, :, None]  # noqa: E731
+    shape = lambda values: np.asarray(values, np.float32).reshape(LEGS, JOINTS).T[:, :, None]  # noqa: E731
     above, below = angles - shape(a1.JOINT_LOWER), shape(a1.JOINT_UPPER) - angles
     sign = jp.where(above < below, 1.0, -1.0).astype(angles.dtype)
     weight, pull = _weight_and_pull(model.limit_softness, jp.minimum(above, below), shape(model.joint_invweight))
@@ -157,7 +162,7 @@ def constraints(
     robot: Pose,
     qpos: jax.Array,
     qvel: jax.Array,
-    planes: tuple[tuple[Planes, ...], Planes, Planes, Planes],
+    slots: Slots,
     friction: jax.Array,
     mass: jax.Array,
 ) -> Constraints:
@@ -168,21 +173,12 @@ def constraints(
         robot: where it is.
         qpos: (19, N).
         qvel: (18, N).
-        planes: of :func:`slots.touch`: each slot of the feet (4, N), hips (4, N), knees (4, N), trunk (6, N).
+        slots: what the spheres may touch.
         friction: (N,) coefficient of the feet.
         mass: (N,) factor on the robot's mass.
     """
-    feet, hips, knees, trunk = planes
-    velocity, angles = ((solver.split(qvel), jp.swapaxes(qpos[7:].reshape(LEGS, 3, -1), 0, 1)))
-    legs = _leg_slots(robot, feet, hips, knees)
-    jacobian, reference, weight = _legs(model, robot, velocity, legs, friction, mass)
-    return (
-        Constraints(
-            jacobian,
-            reference,
-            weight,
-            friction,
-            *_trunk(model, robot, velocity, trunk, mass),
-            *_limits(model, angles, velocity.joints),
-        )
-    )
+    velocity = arrow.split(qvel)
+    angles = jp.swapaxes(qpos[7:].reshape(LEGS, JOINTS, -1), 0, 1)
+    legs = _legs(model, robot, velocity, _leg_rows(robot, slots), friction, mass)
+    trunk = _trunk(model, robot, velocity, slots.trunk, mass)
+    return Constraints(*legs, friction, *trunk, *_limits(model, angles, velocity.joints))

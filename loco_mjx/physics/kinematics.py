@@ -6,7 +6,7 @@ best. Every function takes arrays of one environment, or of many with the enviro
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jp
@@ -88,7 +88,7 @@ def pose(qpos: jax.Array) -> Pose:
     origin: Vector = (qpos[0], qpos[1], qpos[2])
     forward, left, up = rotation(qpos[3:7])
 
-    def turn(x: jax.Array, y: jax.Array, z: jax.Array) -> Vector:
+    def turn(x: Any, y: Any, z: Any) -> Vector:
         return tuple(forward[i] * x + left[i] * y + up[i] * z for i in range(3))  # type: ignore[return-value]
 
     def add(a: Vector, b: Vector) -> Vector:

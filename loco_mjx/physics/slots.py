@@ -6,18 +6,37 @@ sphere is measured against those and the ground (:func:`touch`). The cost does n
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jp
+import numpy as np
 from flax import struct
 
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.physics.kinematics import LEGS, RADII, Vector, column
+from loco_mjx.physics.stage import Stage
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.types import COLLISION_MARGIN, STEP, Boxes, Cylinders, Scene, Terrain
 
 FAR = 1e3  # m, the distance of nothing
+
+
+class Box(NamedTuple):
+    """A box for contact: center (3,), half extents (3,), m, and turn (2,), cosine and sine of its yaw."""
+
+    center: jax.Array
+    half: jax.Array
+    turn: jax.Array
+
+
+class Cylinder(NamedTuple):
+    """An upright cylinder for contact: center (3,), radius and half height, m."""
+
+    center: jax.Array
+    radius: jax.Array
+    half: jax.Array
 
 
 @struct.dataclass
@@ -25,23 +44,15 @@ class Near:
     """What may touch the robot within one control step.
 
     Attributes:
-        box_center: (K, 3) m.
-        box_half: (K, 3) half extents of the collision boxes, m.
-        box_turn: (K, 2) cosine and sine of the yaw.
-        box_solid: (K,) bool, whether touching it counts as a collision (steps do not).
-        cylinder_center: (C, 3) m.
-        cylinder_radius: (C,) collision radii, m.
-        cylinder_half: (C,) half heights, m.
+        boxes: K of them, on the first axis.
+        solid: (K,) bool, whether touching the box counts as a collision (steps do not).
+        cylinders: C of them, on the first axis.
         terrain: the ground's heightfield or None.
     """
 
-    box_center: jax.Array
-    box_half: jax.Array
-    box_turn: jax.Array
-    box_solid: jax.Array
-    cylinder_center: jax.Array
-    cylinder_radius: jax.Array
-    cylinder_half: jax.Array
+    boxes: Box
+    solid: jax.Array
+    cylinders: Cylinder
     terrain: Terrain | None
 
 
@@ -49,12 +60,30 @@ class Planes(NamedTuple):
     """Tangent planes, one per slot.
 
     Attributes:
-        distance: (...,) signed distance of the sphere's surface to the plane, m; negative in contact.
-        normal: x, y, z, each (...,), unit, out of the obstacle.
+        distance: signed distance of a sphere's surface, or of a point, to the plane, m; negative in contact.
+        normal: x, y, z, each of the same shape, unit, out of the obstacle.
     """
 
     distance: jax.Array
     normal: Vector
+
+
+class Slots(NamedTuple):
+    """Contact slots of all spheres.
+
+    Attributes:
+        feet: planes (4,): the ground's, then the nearest obstacles' and steps', nearest first.
+        hips: (4,) the nearest of everything.
+        knees: (4,) the nearest of everything.
+        trunk: (6,) the nearest of everything.
+        hit: bool, whether any sphere touches an obstacle or a wall.
+    """
+
+    feet: tuple[Planes, ...]
+    hips: Planes
+    knees: Planes
+    trunk: Planes
+    hit: jax.Array
 
 
 def _nearest(distance: jax.Array, count: int) -> jax.Array:
@@ -62,23 +91,19 @@ def _nearest(distance: jax.Array, count: int) -> jax.Array:
     return jax.lax.top_k(-distance, min(count, distance.shape[0]))[1]
 
 
-def _near_boxes(boxes: Boxes, base: jax.Array, count: int) -> tuple[jax.Array, ...]:
-    cos, sin = jp.cos(boxes.yaw), jp.sin(boxes.yaw)
-    half = boxes.collision_half
-    dx, dy, dz = (base[i] - boxes.center[:, i] for i in range(3))
-    out_x = jp.maximum(jp.abs(cos * dx + sin * dy) - half[:, 0], 0.0)
-    out_y = jp.maximum(jp.abs(cos * dy - sin * dx) - half[:, 1], 0.0)
-    out_z = jp.maximum(jp.abs(dz) - half[:, 2], 0.0)
-    pick = _nearest(out_x**2 + out_y**2 + out_z**2, count)
-    turn = jp.stack([cos, sin], axis=-1)
-    return boxes.center[pick], half[pick], turn[pick], boxes.kind[pick] != STEP
+def _near_boxes(boxes: Boxes, base: jax.Array, count: int) -> tuple[Box, jax.Array]:
+    turn = jp.stack([jp.cos(boxes.yaw), jp.sin(boxes.yaw)], axis=-1)
+    every = Box(boxes.center, boxes.collision_half, turn)
+    distance = jax.vmap(lambda box: box_distance(tuple(base), box))(every)  # type: ignore[arg-type]
+    pick = _nearest(distance, count)
+    return jax.tree.map(lambda a: a[pick], every), boxes.kind[pick] != STEP
 
 
-def _near_cylinders(cylinders: Cylinders, base: jax.Array, count: int) -> tuple[jax.Array, ...]:
-    radius = cylinders.radius + COLLISION_MARGIN
-    flat = jp.sqrt((base[0] - cylinders.center[:, 0]) ** 2 + (base[1] - cylinders.center[:, 1]) ** 2) - radius
-    pick = _nearest(flat, count)
-    return cylinders.center[pick], radius[pick], cylinders.half_height[pick]
+def _near_cylinders(cylinders: Cylinders, base: jax.Array, count: int) -> Cylinder:
+    every = Cylinder(cylinders.center, cylinders.radius + COLLISION_MARGIN, cylinders.half_height)
+    distance = jax.vmap(lambda cylinder: cylinder_distance(tuple(base), cylinder))(every)  # type: ignore[arg-type]
+    pick = _nearest(distance, count)
+    return jax.tree.map(lambda a: a[pick], every)
 
 
 def near(scene: Scene, base: jax.Array, config: PhysicsConfig) -> Near:
@@ -89,56 +114,78 @@ def near(scene: Scene, base: jax.Array, config: PhysicsConfig) -> Near:
         base: (3,) position of the trunk, m.
         config: how many to keep (`near_boxes`, `near_cylinders`).
     """
-    boxes = _near_boxes(scene.boxes, base, config.near_boxes)
-    cylinders = _near_cylinders(scene.cylinders, base, config.near_cylinders)
-    return Near(*boxes, *cylinders, scene.terrain)
+    boxes, solid = _near_boxes(scene.boxes, base, config.near_boxes)
+    return Near(boxes, solid, _near_cylinders(scene.cylinders, base, config.near_cylinders), scene.terrain)
 
 
-def box_plane(point: Vector, center: jax.Array, half: jax.Array, turn: jax.Array) -> Planes:
-    """Tangent plane of one box at its surface's nearest point to each of some points.
+def _sub(point: Vector, center: jax.Array) -> Vector:
+    return (point[0] - center[0], point[1] - center[1], point[2] - center[2])
+
+
+def _into_box(point: Vector, box: Box) -> tuple[Vector, Vector]:
+    """Points in the box's frame, and how far they are beyond its faces along each axis."""
+    x, y, z = _sub(point, box.center)
+    cos, sin = box.turn[0], box.turn[1]
+    local = (cos * x + sin * y, cos * y - sin * x, z)
+    return local, tuple(jp.abs(local[i]) - box.half[i] for i in range(3))  # type: ignore[return-value]
+
+
+def box_distance(point: Vector, box: Box) -> jax.Array:
+    """Signed distance of points (x, y, z of any one shape) to a box's surface, negative inside, m."""
+    over = _into_box(point, box)[1]
+    x, y, z = (jp.maximum(o, 0.0) for o in over)
+    inside = jp.minimum(jp.maximum(jp.maximum(over[0], over[1]), over[2]), 0.0)
+    return jp.sqrt(x * x + y * y + z * z) + inside
+
+
+def box_plane(point: Vector, box: Box) -> Planes:
+    """Tangent plane of a box at its surface's nearest point to each of some points.
 
     Outside the box that is the nearest point of face, edge or corner; inside, the nearest face.
-
-    Args:
-        point: x, y, z, each (S,), m.
-        center: (3,) m.
-        half: (3,) half extents, m.
-        turn: (2,) cosine and sine of the yaw.
     """
-    cos, sin = turn[0], turn[1]
-    dx, dy, dz = (point[i] - center[i] for i in range(3))
-    local = (cos * dx + sin * dy, cos * dy - sin * dx, dz)
-    over = tuple(jp.abs(local[i]) - half[i] for i in range(3))
+    local, over = _into_box(point, box)
     deepest = jp.maximum(jp.maximum(over[0], over[1]), over[2])
     inside = deepest <= 0.0
     # Inside, only the face that is nearest: x before y before z where they tie.
     on_x = over[0] >= deepest
     on_y = (over[1] >= deepest) & ~on_x
-    out = tuple(
+    out = [
         jp.where(inside, on.astype(o.dtype), jp.maximum(o, 0.0))
         for o, on in zip(over, (on_x, on_y, ~(on_x | on_y)), strict=True)
-    )
+    ]
     length = jp.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
-    scale = 1.0 / length
-    nx, ny, nz = (jp.where(side < 0.0, -o, o) * scale for side, o in zip(local, out, strict=True))
-    return Planes(jp.where(inside, deepest, length), (cos * nx - sin * ny, sin * nx + cos * ny, nz))
+    x, y, z = (jp.where(side < 0.0, -o, o) / length for side, o in zip(local, out, strict=True))
+    cos, sin = box.turn[0], box.turn[1]
+    return Planes(jp.where(inside, deepest, length), (cos * x - sin * y, sin * x + cos * y, z))
 
 
-def cylinder_plane(point: Vector, center: jax.Array, radius: jax.Array, half: jax.Array) -> Planes:
-    """Tangent plane of one upright cylinder nearest to each of some points; arguments as in :func:`box_plane`."""
-    dx, dy, dz = (point[i] - center[i] for i in range(3))
-    flat = jp.sqrt(dx * dx + dy * dy)
-    # On the axis any direction will do; x is taken.
-    rx, ry = jp.where(flat > 0.0, dx, 1.0) / jp.where(flat > 0.0, flat, 1.0), dy / jp.where(flat > 0.0, flat, 1.0)
-    side, cap = flat - radius, jp.abs(dz) - half
-    inside = jp.maximum(side, cap) <= 0.0
-    on_side = side >= cap
-    out_side = jp.where(inside, on_side.astype(side.dtype), jp.maximum(side, 0.0))
-    out_cap = jp.where(inside, (~on_side).astype(side.dtype), jp.maximum(cap, 0.0))
+def _around(point: Vector, cylinder: Cylinder) -> tuple[Vector, jax.Array, jax.Array, jax.Array]:
+    """Points relative to a cylinder's centre, their distance to its axis, and to its side and caps, negative inside."""
+    local = _sub(point, cylinder.center)
+    axial = jp.sqrt(local[0] * local[0] + local[1] * local[1])
+    return local, axial, axial - cylinder.radius, jp.abs(local[2]) - cylinder.half
+
+
+def cylinder_distance(point: Vector, cylinder: Cylinder) -> jax.Array:
+    """Signed distance of points to an upright cylinder's surface, negative inside, m."""
+    _, _, side, cap = _around(point, cylinder)
+    out_side, out_cap = jp.maximum(side, 0.0), jp.maximum(cap, 0.0)
+    return jp.sqrt(out_side * out_side + out_cap * out_cap) + jp.minimum(jp.maximum(side, cap), 0.0)
+
+
+def cylinder_plane(point: Vector, cylinder: Cylinder) -> Planes:
+    """Tangent plane of an upright cylinder nearest to each of some points, as :func:`box_plane`."""
+    local, axial, side, cap = _around(point, cylinder)
+    deepest = jp.maximum(side, cap)
+    inside = deepest <= 0.0
+    out_side = jp.where(inside, (side >= cap).astype(side.dtype), jp.maximum(side, 0.0))
+    out_cap = jp.where(inside, (side < cap).astype(side.dtype), jp.maximum(cap, 0.0))
     length = jp.sqrt(out_side * out_side + out_cap * out_cap)
-    scale = 1.0 / length
-    normal = (rx * out_side * scale, ry * out_side * scale, jp.where(dz < 0.0, -out_cap, out_cap) * scale)
-    return Planes(jp.where(inside, jp.maximum(side, cap), length), normal)
+    # On the axis any direction will do; x is taken.
+    centred = axial == 0.0
+    radial = out_side / (length * jp.where(centred, 1.0, axial))
+    normal = (radial * jp.where(centred, 1.0, local[0]), radial * local[1], jp.sign(local[2]) * out_cap / length)
+    return Planes(jp.where(inside, deepest, length), normal)
 
 
 def ground_plane(terrain: Terrain | None, point: Vector) -> Planes:
@@ -155,59 +202,87 @@ def ground_plane(terrain: Terrain | None, point: Vector) -> Planes:
     return Planes((point[2] - height) * up, (-slope_x * up, -slope_y * up, up))
 
 
-def _closer(first: Planes, second: Planes, where: jax.Array) -> Planes:
-    pick = lambda a, b: jp.where(where, a, b)  # noqa: E731
-    return Planes(pick(first.distance, second.distance), tuple(map(pick, first.normal, second.normal)))  # type: ignore[arg-type]
+def _choose(pick: jax.Array, first: Planes, second: Planes) -> Planes:
+    return jax.tree.map(lambda a, b: jp.where(pick, a, b), first, second)
 
 
-def _insert(slots: tuple[Planes, ...], plane: Planes) -> tuple[Planes, ...]:
-    """Keeps the nearest planes, nearest first, without sorting."""
-    kept = []
-    for slot in slots:
-        closer = plane.distance < slot.distance
-        kept.append(_closer(plane, slot, closer))
-        plane = _closer(slot, plane, closer)
-    return tuple(kept)
+class _Ranking(NamedTuple):
+    """The nearest obstacles to each sphere, nearest first: distances and indices; and whether any is touched."""
+
+    distance: list[jax.Array]
+    number: list[jax.Array]
+    hit: jax.Array
 
 
-def _candidates(scene: Near, point: Vector) -> list[tuple[Planes, jax.Array | bool]]:
-    """Planes of everything but the ground, each with whether touching it is a collision."""
-    boxes = [
-        (box_plane(point, scene.box_center[k], scene.box_half[k], scene.box_turn[k]), scene.box_solid[k])
-        for k in range(scene.box_center.shape[0])
+def _rank(scene: Near, point: Vector, radii: np.ndarray, count: int) -> _Ranking:
+    """Runs through boxes, then cylinders, keeping the `count` nearest of each sphere without sorting."""
+    distances = [
+        distances_to(scene.boxes, box_distance, point),
+        distances_to(scene.cylinders, cylinder_distance, point),
     ]
-    cylinders = [
-        (cylinder_plane(point, scene.cylinder_center[k], scene.cylinder_radius[k], scene.cylinder_half[k]), True)
-        for k in range(scene.cylinder_center.shape[0])
-    ]
-    return boxes + cylinders
+    kept = [jp.full_like(point[0], FAR)] * count
+    index = [jp.zeros(point[0].shape, jp.int32)] * count
+    hit = jp.zeros(point[0].shape, bool)
+    for number, distance in enumerate(distances[0] + distances[1]):
+        touched = distance < radii
+        hit = hit | (touched & scene.solid[number] if number < len(distances[0]) else touched)
+        candidate = jp.full(point[0].shape, number, jp.int32)
+        for slot in range(count):
+            closer = distance < kept[slot]
+            kept[slot], distance = jp.where(closer, distance, kept[slot]), jp.where(closer, kept[slot], distance)
+            index[slot], candidate = jp.where(closer, candidate, index[slot]), jp.where(closer, index[slot], candidate)
+    return _Ranking(kept, index, jp.any(hit, axis=0))
 
 
-def touch(
-    scene: Near, point: Vector, obstacle_slots: int
-) -> tuple[tuple[tuple[Planes, ...], Planes, Planes, Planes], jax.Array]:
-    """Contact slots of all spheres.
+def distances_to(
+    shapes: Box | Cylinder, distance: Callable[[Vector, Any], jax.Array], point: Vector
+) -> list[jax.Array]:
+    """Signed distances of points to each of some shapes."""
+    each = range(shapes.center.shape[0])
+    return [distance(point, jax.tree.map(lambda a, k=k: a[k], shapes)) for k in each]
+
+
+def _gathered(shapes: Box | Cylinder, index: jax.Array) -> Box | Cylinder:
+    """For each sphere the shape of its index: fields (..., spheres, N); by selection, as a gather goes one by one."""
+
+    def select(field: jax.Array) -> jax.Array:
+        chosen = field[0][..., None, :]
+        for k in range(1, field.shape[0]):
+            chosen = jp.where(index == k, field[k][..., None, :], chosen)
+        return chosen
+
+    return jax.tree.map(select, shapes)
+
+
+def touch(stage: Stage, scene: Near, point: Vector, obstacle_slots: int) -> Slots:
+    """Contact slots of all spheres, of N environments.
 
     Args:
-        scene: what is near.
-        point: x, y, z of the spheres' centres, each (18,), m, in the order of kinematics.SPHERES.
+        stage: how to compute intermediate results once.
+        scene: what is near; each array's last axis is over environments, the terrain's first.
+        point: x, y, z of the spheres' centres, each (18, N), m, in the order of kinematics.SPHERES.
         obstacle_slots: per foot, how many of the nearest boxes and cylinders beside the ground.
-
-    Returns:
-        Planes: of the feet (4,) the ground's, then `obstacle_slots` of what is nearest, nearest first; of the hips (4,),
-        the knees (4,) and the trunk (6,) the nearest of everything. And whether any sphere touches an obstacle or wall.
     """
     radii = column(RADII, point[0])
-    ground = (ground_plane(scene.terrain, point))
-    nothing = Planes(jp.full_like(point[0], FAR), tuple(jp.zeros_like(c) for c in point))  # type: ignore[arg-type]
-    nearest: tuple[Planes, ...] = (nothing,) * obstacle_slots
-    hit = jp.zeros(point[0].shape, bool)
-    for plane, solid in _candidates(scene, point):
-        hit = hit | ((plane.distance < radii) & solid)
-        nearest = (_insert(nearest, plane))
-    surface = lambda plane: plane._replace(distance=plane.distance - radii)  # noqa: E731
-    part = lambda plane, a, b: jax.tree.map(lambda x: x[a:b], surface(plane))  # noqa: E731
-    single = (_closer(nearest[0], ground, nearest[0].distance < ground.distance))
-    feet = tuple(part(plane, 0, LEGS) for plane in (ground, *nearest))
-    others = [part(single, a, b) for a, b in ((LEGS, 2 * LEGS), (2 * LEGS, 3 * LEGS), (3 * LEGS, None))]
-    return (feet, *others), jp.any(hit, axis=0)
+    floor = stage(ground_plane, scene.terrain, point)
+    ranking = stage(lambda: _rank(scene, point, radii, obstacle_slots))
+    ranked = zip(ranking.distance, ranking.number, strict=True)
+    nearest = [stage(_plane_of, scene, point, distance, number) for distance, number in ranked]
+    single = stage(lambda: _choose(nearest[0].distance < floor.distance, nearest[0], floor))
+    cut = lambda plane, a, b: jax.tree.map(lambda x: x[a:b], plane._replace(distance=plane.distance - radii))  # noqa: E731
+    feet = tuple(cut(plane, 0, LEGS) for plane in (floor, *nearest))
+    hips, knees, trunk = (cut(single, a, b) for a, b in ((LEGS, 2 * LEGS), (2 * LEGS, 3 * LEGS), (3 * LEGS, None)))
+    return Slots(feet, hips, knees, trunk, ranking.hit)
+
+
+def _plane_of(scene: Near, point: Vector, distance: jax.Array, index: jax.Array) -> Planes:
+    """Tangent planes of the boxes or cylinders of the given indices; those at the distance FAR are of nothing."""
+    plane = Planes(jp.full_like(distance, FAR), tuple(jp.zeros_like(c) for c in point))  # type: ignore[arg-type]
+    count = scene.boxes.center.shape[0]
+    if count:
+        box = box_plane(point, _gathered(scene.boxes, index))  # type: ignore[arg-type]
+        plane = _choose(index < count, box, plane)
+    if scene.cylinders.center.shape[0]:
+        cylinder = cylinder_plane(point, _gathered(scene.cylinders, index - count))  # type: ignore[arg-type]
+        plane = _choose(index >= count, cylinder, plane)
+    return plane._replace(distance=jp.where(distance >= FAR, FAR, plane.distance))

@@ -12,11 +12,11 @@ import jax.numpy as jp
 import numpy as np
 from flax import struct
 from mujoco import mjx
-from mujoco.mjx._src import smooth
 
 from loco_mjx import a1
-from loco_mjx.physics import contact, kinematics, slots, solver
+from loco_mjx.physics import arrow, contact, kinematics, slots, solver
 from loco_mjx.physics.model import PhysicsModel
+from loco_mjx.physics.stage import Stage, add_up, total
 from loco_mjx.scene.types import Scene
 
 
@@ -93,13 +93,13 @@ def _inertia_and_bias(
     model: PhysicsModel, qpos: jax.Array, qvel: jax.Array, mass: jax.Array, inertia: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Mass matrix (18, 18), and Coriolis, centrifugal and gravity forces (18,), of one environment, by MJX."""
-    m: mjx.Model = model.mjx.replace(
+    m: mjx.Model = model.mjx.replace(  # type: ignore[attr-defined]
         body_mass=model.mjx.body_mass * mass, body_inertia=model.mjx.body_inertia * inertia
     )
-    d: Any = model.data.replace(qpos=qpos, qvel=qvel)
-    d = smooth.crb(m, smooth.com_pos(m, smooth.kinematics(m, d)))
-    d = smooth.rne(m, smooth.com_vel(m, d))
-    return d._impl.M, d.qfrc_bias
+    d: Any = model.data.replace(qpos=qpos, qvel=qvel)  # type: ignore[attr-defined]
+    d = mjx.crb(m, mjx.com_pos(m, mjx.kinematics(m, d)))
+    d = mjx.rne(m, mjx.com_vel(m, d))
+    return mjx.full_m(m, d), d.qfrc_bias
 
 
 def _integrate(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
@@ -107,79 +107,76 @@ def _integrate(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
     dt = np.float32(a1.PHYSICS_DT)
     half = qvel[3:6] * (dt * np.float32(0.5))
     angle = jp.sqrt(jp.sum(half * half, axis=0))
-    # sin(angle) / angle, exact to float32 for the turns of one physics step
+    # sin(angle) / angle; below 1e-4 rad that is 1 to float32
     sinc = jp.where(angle > 1e-4, jp.sin(angle) / jp.maximum(angle, 1e-4), 1.0)
     w, x, y, z = qpos[3:7]
-    c, (a, b, d) = jp.cos(angle), half * sinc
-    quat = jp.stack(
-        [
-            w * c - x * a - y * b - z * d,
-            w * a + x * c + y * d - z * b,
-            w * b - x * d + y * c + z * a,
-            w * d + x * b - y * a + z * c,
-        ]
-    )
-    quat = quat / jp.sqrt(jp.sum(quat * quat, axis=0))
+    c, (i, j, k) = jp.cos(angle), half * sinc
+    turned = [
+        w * c - x * i - y * j - z * k,
+        w * i + x * c + y * k - z * j,
+        w * j - x * k + y * c + z * i,
+        w * k + x * j - y * i + z * c,
+    ]
+    quat = jp.stack(turned) / jp.sqrt(add_up(q * q for q in turned))
     return jp.concatenate([qpos[:3] + dt * qvel[:3], quat, qpos[7:] + dt * qvel[6:]])
 
 
 def _physics_step(
-    model: PhysicsModel, stage: solver.Stage, near: slots.Near, targets: jax.Array, dynamics: Dynamics, state: PhysicsState
+    model: PhysicsModel,
+    stage: Stage,
+    near: slots.Near,
+    targets: jax.Array,
+    dynamics: Dynamics,
+    state: PhysicsState,
 ) -> tuple[PhysicsState, jax.Array, jax.Array]:
     """The next state, the squared torque and whether an obstacle is touched. Environments last in every array."""
+    qpos, qvel = state.qpos, state.qvel
     torque = a1.motor_torque(
-        targets, state.qpos[7:], state.qvel[6:], dynamics.kp, dynamics.kd, dynamics.strength, dynamics.motor_friction
+        targets, qpos[7:], qvel[6:], dynamics.kp, dynamics.kd, dynamics.strength, dynamics.motor_friction
     )
-    last = lambda f: jax.vmap(f, in_axes=-1, out_axes=-1)  # noqa: E731
-    inertia, bias = last(lambda *args: _inertia_and_bias(model, *args))(
-        state.qpos, state.qvel, dynamics.mass, dynamics.inertia
-    )
-    robot = stage(kinematics.pose, state.qpos)
-    planes, hit = stage(lambda: slots.touch(near, kinematics.centers(robot), model.obstacle_slots))
+    smooth = jax.vmap(lambda *args: _inertia_and_bias(model, *args), in_axes=-1, out_axes=-1)
+    inertia, bias = stage(smooth, qpos, qvel, dynamics.mass, dynamics.inertia)
+    robot = stage(kinematics.pose, qpos)
+    touched = slots.touch(stage, near, stage(kinematics.centers, robot), model.obstacle_slots)
     constraints = stage(
-        lambda: contact.constraints(
-            model, robot, state.qpos, state.qvel, planes, dynamics.friction, dynamics.mass
-        )
+        lambda: contact.constraints(model, robot, qpos, qvel, touched, dynamics.friction, dynamics.mass)
     )
-    force = jp.concatenate([-bias[:6], torque - bias[6:]])
-    acceleration = solver.join(
+    acceleration = arrow.join(
         solver.solve(
             stage,
-            solver.inertia_parts(inertia),
-            solver.split(force),
+            stage(arrow.from_dense, inertia),
+            arrow.split(jp.concatenate([-bias[:6], torque - bias[6:]])),
             constraints,
-            solver.split(state.warmstart),
+            arrow.split(state.warmstart),
             model.config.iterations,
             model.config.ls_iterations,
         )
     )
-    qvel = state.qvel + np.float32(a1.PHYSICS_DT) * acceleration
-    new = PhysicsState(_integrate(state.qpos, qvel), qvel, acceleration)
-    return new, jp.sum(torque * torque, axis=0), hit
+    qvel = qvel + np.float32(a1.PHYSICS_DT) * acceleration
+    new = PhysicsState(_integrate(qpos, qvel), qvel, acceleration)
+    return new, total(torque * torque), touched.hit
 
 
 def _control_steps(
     model: PhysicsModel, state: PhysicsState, scene: Scene, targets: jax.Array, dynamics: Dynamics
 ) -> tuple[PhysicsState, Outcome]:
     """:func:`control_step` of N environments, on the first axis of every argument."""
-    terrain = scene.terrain
-    near = jax.vmap(lambda scene, base: slots.near(scene, base, model.config))(
-        scene.replace(terrain=None), state.qpos[:, :3]
-    )
-    to_last, to_first = (
-        lambda tree, a=a, b=b: jax.tree.map(lambda x: jp.moveaxis(x, a, b), tree) for a, b in ((0, -1), (-1, 0))
-    )
-    near = to_last(near).replace(terrain=terrain)
-    state, targets, dynamics = to_last((state, targets, dynamics))
+    terrain, flat = scene.terrain, scene.replace(terrain=None)  # type: ignore[attr-defined]
+    near = jax.vmap(lambda scene, base: slots.near(scene, base, model.config))(flat, state.qpos[:, :3])
+    last = lambda tree: jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), tree)  # noqa: E731
+    # A heightfield is too large to be turned around in every step.
+    near = last(near).replace(terrain=terrain)
+    state, targets, dynamics = last((state, targets, dynamics))
 
     def body(state: PhysicsState, i: jax.Array) -> tuple[PhysicsState, tuple[jax.Array, ...]]:
-        new, squared, hit = _physics_step(model, solver.Stage(i >= 0), near, targets, dynamics, state)
+        new, squared, hit = _physics_step(model, Stage(i >= 0), near, targets, dynamics, state)
         return new, (squared, hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
 
     new, (squared, hit, *after) = jax.lax.scan(body, state, jp.arange(a1.SUBSTEPS))
     before = (state.qpos[7:], state.qpos[3:7], state.qvel[3:6])
     trace = [jp.concatenate([b[None], a]) for b, a in zip(before, after, strict=True)]
-    return to_first((new, Outcome(jp.mean(squared, axis=0), jp.any(hit, axis=0), *trace)))
+    out = (new, Outcome(jp.mean(squared, axis=0), jp.any(hit, axis=0), *trace))
+    return jax.tree.map(lambda x: jp.moveaxis(x, -1, 0), out)
 
 
 def control_step(

@@ -82,7 +82,7 @@ class Trainer:
             UnknownNameError: if there is no policy of that name.
             UserError: if sizes do not divide over the mesh, or the policy needs depth that the environment lacks.
         """
-        self.mesh = mesh or Mesh(np.array(jax.devices()[:1]), (AXIS,))
+        self.mesh = Mesh(np.array(jax.devices()[:1]), (AXIS,)) if mesh is None else mesh
         config_lib.check(config, self.mesh.size)
         self.config, self.env = config, env
         self.networks = make_networks(config.policy, config.network, env.action_size)

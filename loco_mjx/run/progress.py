@@ -42,7 +42,7 @@ class Reporter:
         self._progress: Progress | None = None
         if console.is_terminal:
             columns = (
-                BarColumn(bar_width=20),
+                BarColumn(bar_width=12),
                 MofNCompleteColumn(),
                 TimeElapsedColumn(),
                 TextColumn("{task.description}"),

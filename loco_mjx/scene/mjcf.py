@@ -120,6 +120,7 @@ def _add_looks(spec: mujoco.MjSpec) -> None:
     contact = spec.add_default(CONTACT, spec.default)
     contact.geom.group, contact.geom.contype, contact.geom.conaffinity = 3, 2, 1
     contact.geom.rgba = [0.9, 0.3, 0.2, 0.25]
+    seen.geom.density = contact.geom.density = 0.0  # the robot's mass is the model's, mocap bodies or not
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
     spec.visual.quality.shadowsize = 4096
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080

@@ -13,6 +13,7 @@ from jax.sharding import Mesh
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx.config import DepthConfig
+from loco_mjx.depth import primitives
 from loco_mjx.depth.render import look, render, trace
 from loco_mjx.scene.types import Boxes, Cylinders, Scene, Spheres, Terrain
 
@@ -180,6 +181,28 @@ def test_batches_equal_single_frames() -> None:
     twice = jax.jit(jax.vmap(jax.vmap(partial(render, config=CONFIG), (None, 0)), (0, None)))(scenes, poses)
     np.testing.assert_allclose(twice[0, 0], single[0], atol=1e-5)
     np.testing.assert_allclose(twice[1, 1], single[1], atol=1e-5)
+
+
+def test_leaving_out_what_is_not_in_view_changes_no_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    place = np.column_stack([rng.uniform(-9, 12, 40), rng.uniform(-9, 9, 40), rng.uniform(HIGH - 6, HIGH + 6, 40)])
+    size = rng.uniform(0.1, 1.5, (40, 3))
+    scene = make_scene(
+        boxes=np.column_stack([place, size, rng.uniform(-3, 3, 40) * (np.arange(40) % 2)])[:20],
+        spheres=np.column_stack([place, size])[20:30, :4],
+        cylinders=np.column_stack([place, size])[30:, :5],
+    )
+    quats = rng.normal(size=(24, 4))
+    poses = jp.stack([at(0, 0, HIGH, quat / np.linalg.norm(quat)) for quat in quats])
+    views = jax.jit(jax.vmap(partial(look, config=CONFIG), (None, 0)))(scene, poses)
+    for shapes, number in ((views.boxes, 10), (views.turned_boxes, 10), (views.spheres, 10), (views.cylinders, 10)):
+        assert 0 < shapes.count.mean() < 0.5 * number
+    images = jax.jit(jax.vmap(partial(render, config=CONFIG), (None, 0)))(scene, poses)
+    for kind in ("boxes", "spheres", "cylinders"):
+        monkeypatch.setattr(primitives, f"{kind}_in_view", lambda planes, shapes, center: jp.ones(len(center), bool))
+    all_tested = jax.jit(jax.vmap(lambda pose: render(scene, pose, CONFIG)))(poses)
+    assert float(jp.mean(images < CONFIG.far)) > 0.2
+    np.testing.assert_array_equal(images, all_tested)
 
 
 def test_all_frames_at_once_equal_single_frames() -> None:

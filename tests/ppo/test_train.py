@@ -138,10 +138,16 @@ def test_learns_and_nothing_that_is_not_finite_reaches_the_parameters(two):
     obs = {"state": jp.array([[1.0, 0.5], [-1.0, 0.5]])}
     actions = jax.jit(act)(obs, jax.random.PRNGKey(0))
     assert float(actions[0, 0]) > 0.7 and float(actions[1, 0]) < -0.7
+
+
+def test_stochastic_inference_draws_from_the_gaussian(two):
+    state = two.init()  # mean near 0, standard deviation 1
     draw = make_inference(two.networks, state.params, state.normalizer, deterministic=False)
-    drawn = jax.jit(jax.vmap(draw, (None, 0)))(obs, jax.random.split(jax.random.PRNGKey(0), 64))
-    assert drawn.shape == (64, 2, 1) and float(jp.abs(drawn).max()) <= 1.0
-    assert float(drawn[:, 0].std()) > 0.01 and float(drawn[:, 0].mean()) > 0.5
+    obs = {"state": jp.array([[1.0, 0.5], [-1.0, 0.5]])}
+    drawn = np.asarray(jax.jit(jax.vmap(draw, (None, 0)))(obs, jax.random.split(jax.random.PRNGKey(0), 4000)))
+    assert drawn.shape == (4000, 2, 1) and np.abs(drawn).max() <= 1.0
+    np.testing.assert_allclose(np.arctanh(drawn).std(0), 1.0, rtol=0.05)
+    np.testing.assert_allclose(np.arctanh(drawn).mean(0), 0.0, atol=0.1)
 
 
 def test_sizes_and_senses_must_fit():

@@ -1,0 +1,152 @@
+"""What the physics tests share: scenes made by hand, an open-loop trot, and rollouts of ours and of C MuJoCo."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jp
+import mujoco
+import numpy as np
+
+from loco_mjx import a1
+from loco_mjx.config import PhysicsConfig
+from loco_mjx.physics.model import PhysicsModel, a1_xml_path, build
+from loco_mjx.physics.step import Dynamics, Outcome, PhysicsState, control_step, initial_state, nominal_dynamics
+from loco_mjx.scene.types import STEP, Boxes, Cylinders, Scene, Spheres, Terrain
+
+BATCH = 4  # environments in every rollout, so that the tests share one compiled program
+BOXES, TREES = 3, 1  # likewise
+AWAY = (500.0, 500.0, 0.0)
+FAST, CONVERGED = (1, 4), (12, 12)  # solver and line-search iterations: the default's, and enough
+
+PERIOD = 0.4  # s
+STRIDE, LIFT, HEIGHT = 0.06, 0.05, 0.25  # m: half a stride, how high a foot swings, hips over feet
+GAIT_KP, GAIT_KD = 80.0, 1.0
+
+
+def trot(time: float) -> np.ndarray:
+    """Joint targets (12,) of a trot at a time, rad: diagonal pairs swing in turn."""
+    targets = []
+    for leg in a1.LEGS:
+        phase = (time / PERIOD + (0.0 if leg in ("FR", "RL") else 0.5)) % 1.0
+        swing = phase < 0.5
+        along = -np.cos(2 * np.pi * phase) if swing else 1.0 - 4.0 * (phase - 0.5)
+        x, down = STRIDE * along, HEIGHT - (LIFT * np.sin(2 * np.pi * phase) if swing else 0.0)
+        calf = -2.0 * np.arccos(np.hypot(x, down) / (2 * a1.LINK_LENGTH))
+        targets += [0.0, np.arctan2(-x, down) - 0.5 * calf, calf]
+    return np.array(targets, np.float32)
+
+
+def trot_targets(steps: int) -> np.ndarray:
+    """(steps, 12) targets of the trot, one per control step."""
+    return np.stack([trot(i * a1.CONTROL_DT) for i in range(steps)])
+
+
+def still(steps: int) -> np.ndarray:
+    """(steps, 12) targets of standing."""
+    return np.tile(np.array(a1.DEFAULT_POSE, np.float32), (steps, 1))
+
+
+def scene(boxes: Sequence[dict] = (), trees: Sequence[dict] = (), terrain: Terrain | None = None) -> Scene:
+    """A scene of boxes (center, half, yaw, kind: a step unless given) and trees (center, radius, half_height).
+
+    It is filled up to BOXES and TREES with some that are far away.
+    """
+    boxes = [*boxes, *[{"center": AWAY, "half": (0.1, 0.1, 0.1)}] * (BOXES - len(boxes))]
+    trees = [*trees, *[{"center": AWAY, "radius": 0.1, "half_height": 0.1}] * (TREES - len(trees))]
+    fill = lambda items, name, default=None: np.array([i.get(name, default) for i in items])  # noqa: E731
+    made = Boxes(
+        center=jp.asarray(fill(boxes, "center"), jp.float32),
+        half=jp.asarray(fill(boxes, "half"), jp.float32),
+        yaw=jp.asarray(fill(boxes, "yaw", 0.0), jp.float32),
+        velocity=jp.zeros((len(boxes), 2)),
+        kind=jp.asarray(fill(boxes, "kind", STEP), jp.int32),
+    )
+    cylinders = Cylinders(
+        jp.asarray(fill(trees, "center"), jp.float32),
+        jp.asarray(fill(trees, "radius"), jp.float32),
+        jp.asarray(fill(trees, "half_height"), jp.float32),
+    )
+    none = Spheres(jp.zeros((0, 3)), jp.zeros(0), jp.zeros(0, bool), jp.zeros(0, bool))
+    return Scene(made, none, cylinders, terrain, jp.zeros(3))
+
+
+def standing(x: float = 0.0, y: float = 0.0, height: float = a1.STAND_HEIGHT) -> np.ndarray:
+    """(19,) configuration in the default pose."""
+    return np.array([x, y, height, 1.0, 0.0, 0.0, 0.0, *a1.DEFAULT_POSE], np.float32)
+
+
+@functools.cache
+def physics(iterations: tuple[int, int]) -> PhysicsModel:
+    """The physics with a solver's settings."""
+    return build(PhysicsConfig(iterations=iterations[0], ls_iterations=iterations[1]))
+
+
+@functools.cache
+def stepper(iterations: tuple[int, int]) -> Callable[..., tuple[PhysicsState, Outcome]]:
+    """control_step of BATCH environments, compiled."""
+    model = physics(iterations)
+    return jax.jit(jax.vmap(lambda *args: control_step(model, *args)))
+
+
+def batch(items: Sequence[Any]) -> Any:
+    """Pytrees stacked, the last repeated up to BATCH."""
+    items = [*items, *[items[-1]] * (BATCH - len(items))]
+    return jax.tree.map(lambda *leaves: jp.stack(leaves), *items)
+
+
+def rollout(
+    starts: Sequence[np.ndarray | PhysicsState],
+    worlds: Sequence[Scene],
+    targets: np.ndarray,
+    dynamics: Sequence[Dynamics] | None = None,
+    iterations: tuple[int, int] = FAST,
+) -> tuple[PhysicsState, Outcome]:
+    """States after each control step and outcomes, leading axes (environments, steps), of up to BATCH environments.
+
+    Args:
+        starts: configurations at rest, or states.
+        worlds: their scenes.
+        targets: (steps, 12), or (environments, steps, 12).
+        dynamics: of each; nominal if None.
+        iterations: of the solver and its line search.
+    """
+    state = batch([start if isinstance(start, PhysicsState) else initial_state(start) for start in starts])
+    world, how = batch(worlds), batch(dynamics or [nominal_dynamics()])
+    spread = targets if targets.ndim == 3 else targets[None]
+    wide = np.concatenate([spread, *[spread[-1:]] * (BATCH - spread.shape[0])])
+    states, outcomes = [], []
+    for t in range(wide.shape[1]):
+        state, outcome = stepper(iterations)(state, world, jp.asarray(wide[:, t], jp.float32), how)
+        states.append(state)
+        outcomes.append(outcome)
+    return jax.tree.map(lambda *leaves: np.stack(leaves, axis=1), *states), jax.tree.map(
+        lambda *leaves: np.stack(leaves, axis=1), *outcomes
+    )
+
+
+def flat_c_model() -> mujoco.MjModel:
+    """The A1 over the plane z = 0 in C MuJoCo."""
+    spec = mujoco.MjSpec.from_file(str(a1_xml_path()))
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=2, conaffinity=1)
+    return spec.compile()
+
+
+def c_rollout(
+    model: mujoco.MjModel, qpos: np.ndarray, targets: np.ndarray, kp: float = a1.KP, kd: float = a1.KD
+) -> np.ndarray:
+    """(steps, 19) configurations after each control step in C MuJoCo, its solver converged, from rest."""
+    model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance = 100, 50, 1e-10
+    data = mujoco.MjData(model)
+    data.qpos[:19] = qpos
+    history = []
+    for target in targets:
+        for _ in range(a1.SUBSTEPS):
+            torque = kp * (target - data.qpos[7:19]) - kd * data.qvel[6:18]
+            data.ctrl[:] = np.clip(torque, -a1.TORQUE_LIMIT, a1.TORQUE_LIMIT)
+            mujoco.mj_step(model, data)
+        history.append(data.qpos[:19].copy())
+    return np.array(history)

@@ -1,0 +1,64 @@
+"""The configuration: what is refused, and that it survives being written down."""
+
+import dataclasses
+import json
+
+import pytest
+
+from loco_mjx import config as config_lib
+from loco_mjx.config import Config
+from loco_mjx.errors import UserError
+
+
+def _with(path: str, value):
+    """A configuration with one value changed."""
+
+    def change(node, names):
+        name, *rest = names
+        return dataclasses.replace(node, **{name: change(getattr(node, name), rest) if rest else value})
+
+    return change(Config(), path.split("."))
+
+
+@pytest.mark.parametrize("name", config_lib.PRESETS)
+def test_presets_are_sound_and_survive_json(name):
+    config = config_lib.preset(name)
+    config_lib.check(config, num_devices=2)
+    assert config_lib.from_dict(Config, json.loads(json.dumps(config_lib.to_dict(config)))) == config
+
+
+def test_paper_preset_is_the_papers():
+    ppo = config_lib.preset("paper").ppo
+    assert ppo.samples_per_iteration == 8192 and ppo.minibatch == 256 and ppo.epochs == 3 and ppo.learning_rate == 1e-4
+    assert ppo.total_steps == 15_000_000 and ppo.iterations == 1832 and ppo.learning_rate_decay
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("ppo.minibatch", 300, r"minibatch 300 does not divide the 8192 samples"),
+        ("ppo.num_envs", 0, r"num_envs is 0"),
+        ("ppo.learning_rate", -1.0, r"learning_rate is -1.0"),
+        ("ppo.discount", 1.5, r"discount is 1.5"),
+        ("env.horizon", 0, r"horizon is 0"),
+        ("env.randomization.kp", (90.0, 40.0), r"randomization.kp is \(90.0, 40.0\)"),
+        ("env.observation.depth.near", 20.0, r"near 20.0, far 10.0"),
+        ("env.observation.depth.blind_min", 31, r"blind_min 31"),
+        ("network.tokens_per_side", 3, r"tokens_per_side is 3; accepted: 1, 2, 4"),
+    ],
+)
+def test_what_does_not_fit_is_named(path, value, message):
+    with pytest.raises(UserError, match=message):
+        config_lib.check(_with(path, value))
+
+
+def test_environments_must_divide_over_the_devices():
+    with pytest.raises(UserError, match="256 does not divide over 3 devices"):
+        config_lib.check(Config(), num_devices=3)
+
+
+def test_keys_of_another_version_are_named():
+    values = config_lib.to_dict(Config())
+    values["ppo"]["clip_range"] = values["ppo"].pop("clip")
+    with pytest.raises(UserError, match=r"PPOConfig: keys .'clip', 'clip_range'. do not match"):
+        config_lib.from_dict(Config, values)
