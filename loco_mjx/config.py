@@ -137,6 +137,8 @@ class NetworkConfig:
     hidden: tuple[int, ...] = (256, 256)
     state_only_hidden: tuple[int, ...] = (256, 256, 256, 256)
     initial_std: float = 1.0
+    latent_dim: int = 4  # hrl: width of the high level's command
+    hold: int = 4  # hrl: control steps for which a command is held; divides ppo.unroll
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,16 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx.config import EnvConfig
 from loco_mjx.errors import UserError
-from loco_mjx.networks.policies import Networks
+from loco_mjx.networks import hold
+from loco_mjx.networks.policies import DEPTH, Networks
 from loco_mjx.ppo.inference import make_inference
 from loco_mjx.ppo.train import AXIS
 
 CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
 ACCELERATOR_CHUNK = 1024
 Figures = dict[str, np.ndarray]
+# The environments, which episodes go on, sums of metrics, the step, and the depth that the policy holds.
+_Carry = tuple[State, jax.Array, dict[str, jax.Array], jax.Array, jax.Array | None]
 
 
 def evaluation_config(config: EnvConfig, task: str | None = None, randomize: bool = False) -> EnvConfig:
@@ -95,22 +98,23 @@ class Evaluator:
         zero = jp.zeros(keys.shape[0], jp.float32)
         sums = dict.fromkeys(state.metrics, zero) | {"return": zero, "length": zero, "survived": zero}
 
-        def more(carry: tuple[State, jax.Array, dict[str, jax.Array], jax.Array]) -> jax.Array:
+        held = None if self.networks.hold == 1 else state.obs[DEPTH]
+
+        def more(carry: _Carry) -> jax.Array:
             return jp.any(carry[1]) & (carry[3] < self.horizon)
 
-        def body(
-            carry: tuple[State, jax.Array, dict[str, jax.Array], jax.Array],
-        ) -> tuple[State, jax.Array, dict[str, jax.Array], jax.Array]:
-            state, alive, sums, t = carry
+        def body(carry: _Carry) -> _Carry:
+            state, alive, sums, t, held = carry
+            seen = hold.view(state.obs, held, t % self.networks.hold == 0)
             step_keys = jax.vmap(jax.random.fold_in, (0, None))(act_keys, t)
             # One key per environment, so that an episode does not depend on which others run beside it.
-            state = jax.vmap(self.env.step)(state, jax.vmap(act)(state.obs, step_keys))
+            state = jax.vmap(self.env.step)(state, jax.vmap(act)(seen, step_keys))
             survived = state.done * state.info["truncation"]
             values = state.metrics | {"return": state.reward, "length": jp.ones_like(zero), "survived": survived}
             sums = {name: sums[name] + jp.where(alive, values[name], 0.0) for name in sums}
-            return state, alive & (state.done == 0), sums, t + 1
+            return state, alive & (state.done == 0), sums, t + 1, None if held is None else seen[DEPTH]
 
-        carry = (state, jp.ones(keys.shape[0], bool), sums, jp.zeros((), jp.int32))
+        carry = (state, jp.ones(keys.shape[0], bool), sums, jp.zeros((), jp.int32), held)
         return jax.lax.while_loop(more, body, carry)[2]
 
 

@@ -153,6 +153,34 @@ class StateDepthConcat(nn.Module):
         return _outputs(self, hidden, features, features, None)
 
 
+class Hierarchical(nn.Module):
+    """Two levels trained as one: vision → latent command; state and command → action (after Jain et al. 2020).
+
+    Whoever runs the policy holds the depth it is given for `config.hold` control steps (loco_mjx/networks/hold.py), and
+    with it the command. The paper names neither the command's width nor its period; both are ours, as is training
+    both levels by PPO at once and leaving out the trajectory generator.
+
+    Attributes:
+        config: sizes.
+        actions: size of the action.
+    """
+
+    config: NetworkConfig
+    actions: int
+
+    @nn.compact
+    def __call__(self, obs: Observation) -> Outputs:
+        """`state` (..., n) and held `pixels/depth` (..., 64, 64, frames) to Outputs."""
+        config = self.config
+        visual = DepthEncoder(name="depth_encoder")(obs[DEPTH])
+        visual = visual.reshape(*visual.shape[:-3], -1)  # (..., 1024)
+        visual = nn.relu(nn.Dense(config.hidden[-1], kernel_init=PROJECTION_INIT, name="visual_projection")(visual))
+        command = nn.tanh(nn.Dense(config.latent_dim, kernel_init=PROJECTION_INIT, name="command")(visual))
+        body = MLP(config.hidden, name="state_encoder")(obs[STATE])
+        low = jp.concatenate([body, command], axis=-1)
+        return _outputs(self, config.hidden, low, jp.concatenate([visual, body], axis=-1), None)
+
+
 class StateOnly(nn.Module):
     """A blind MLP; policy and value share the first half of its layers.
 
@@ -181,11 +209,13 @@ class Policy:
         build: module from (NetworkConfig, size of the action).
         uses_state: whether it reads `state`.
         uses_depth: whether it reads `pixels/depth`.
+        holds: whether the depth it is given is held for NetworkConfig.hold control steps.
     """
 
     build: Callable[[NetworkConfig, int], nn.Module]
     uses_state: bool = True
     uses_depth: bool = True
+    holds: bool = False
 
 
 POLICIES: dict[str, Policy] = {
@@ -193,6 +223,7 @@ POLICIES: dict[str, Policy] = {
     "state-only": Policy(StateOnly, uses_depth=False),
     "depth-only": Policy(DepthOnly, uses_state=False),
     "state-depth-concat": Policy(StateDepthConcat),
+    "hrl": Policy(Hierarchical, holds=True),
 }
 
 
@@ -204,11 +235,13 @@ class Networks:
         module: from observations (with any leading axes) to Outputs.
         uses_state: whether it reads `state`.
         uses_depth: whether it reads `pixels/depth`.
+        hold: control steps for which the depth it is given is held; 1: it sees every frame.
     """
 
     module: nn.Module
     uses_state: bool
     uses_depth: bool
+    hold: int = 1
 
     def init(self, key: jax.Array, obs: Observation) -> Params:
         """Parameters for observations shaped like `obs` (`state` already normalised)."""
@@ -233,4 +266,7 @@ def make_networks(policy: str, config: NetworkConfig, action_size: int) -> Netwo
     if config.layers < 0:
         raise UserError(f"network.layers is {config.layers}; accepted: 0 or more")
     entry = POLICIES[policy]
-    return Networks(entry.build(config, action_size), entry.uses_state, entry.uses_depth)
+    if entry.holds and min(config.hold, config.latent_dim) < 1:
+        raise UserError(f"network.hold is {config.hold}, network.latent_dim {config.latent_dim}; accepted: 1 or more")
+    hold = config.hold if entry.holds else 1
+    return Networks(entry.build(config, action_size), entry.uses_state, entry.uses_depth, hold)

@@ -12,12 +12,14 @@ from brax.envs.base import State
 from flax import struct
 
 from loco_mjx.env import autoreset
+from loco_mjx.networks import hold as hold_lib
 from loco_mjx.networks.policies import DEPTH, STATE, Networks, Params
 from loco_mjx.ppo import distribution, frames
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.normalizer import Normalizer
 
 Metrics = dict[str, jax.Array]
+_Carry = tuple[State, jax.Array | None]  # the environments, and the depth their policy holds
 
 
 @struct.dataclass
@@ -93,8 +95,11 @@ def collect(
     step = jax.vmap(lambda state, action: autoreset.step(env, state, action, pool))
     stored = partial(_stored, depth=networks.uses_depth)
 
-    def body(state: State, t: jax.Array) -> tuple[State, tuple[dict[str, Any], Metrics]]:
-        outputs = networks.apply(params, policy_input(state.obs, normalizer))
+    def body(carry: _Carry, t: jax.Array) -> tuple[_Carry, tuple[dict[str, Any], Metrics]]:
+        state, held = carry
+        due = (t % networks.hold == 0) | (state.info["reset"] > 0)
+        seen = hold_lib.view(policy_input(state.obs, normalizer), held, due)
+        outputs = networks.apply(params, seen)
         step_keys = jax.vmap(jax.random.fold_in, (0, None))(keys, t)
         action = jax.vmap(distribution.sample)(step_keys, outputs.mean, outputs.log_std)
         after = step(state, jp.tanh(action))
@@ -107,9 +112,10 @@ def collect(
             "done": after.done,
             "reset": after.info["reset"],
         }
-        return after, (row | stored(state), _sums(after))
+        return (after, None if held is None else seen[DEPTH]), (row | stored(state), _sums(after))
 
-    last, (rows, sums) = jax.lax.scan(body, env_state, jp.arange(unroll, dtype=jp.int32))
+    held = None if networks.hold == 1 else jp.zeros_like(env_state.obs[DEPTH])
+    (last, _), (rows, sums) = jax.lax.scan(body, (env_state, held), jp.arange(unroll, dtype=jp.int32))
     value = networks.apply(params, policy_input(last.obs, normalizer)).value
     for name, final in ({"value": value} | stored(last)).items():
         rows[name] = jp.concatenate([rows[name], final[None]])

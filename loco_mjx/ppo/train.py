@@ -88,6 +88,10 @@ class Trainer:
         self.networks = make_networks(config.policy, config.network, env.action_size)
         if self.networks.uses_depth and DEPTH not in env.observation_size:
             raise UserError(f"policy '{config.policy}' needs depth; env.observation.depth.enabled is False")
+        if config.ppo.unroll % self.networks.hold:
+            raise config_lib.UserError(
+                f"network.hold {self.networks.hold} does not divide ppo.unroll {config.ppo.unroll}; accepted: a divisor of it"
+            )
         self.chunk = CPU_CHUNK if self.mesh.devices.flat[0].platform == "cpu" else None
         # How states and rollouts (time-major) lie on the mesh.
         split, windows, copies = P(AXIS), P(None, AXIS), P()
@@ -184,7 +188,7 @@ class Trainer:
         shuffle_key = jax.random.fold_in(jax.random.fold_in(state.key, _SHUFFLE), state.iteration)
         if axis_name is not None:
             shuffle_key = jax.random.fold_in(shuffle_key, jax.lax.axis_index(axis_name))
-        data = update_lib.experience(rollout, state.normalizer, ppo)
+        data = update_lib.experience(rollout, state.normalizer, ppo, self.networks.hold)
         rate = update_lib.learning_rate(ppo, state.iteration)
         learned = (state.params, state.opt_state)
         learned, metrics = update_lib.update(

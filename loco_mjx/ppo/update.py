@@ -8,6 +8,7 @@ import optax
 from flax import struct
 
 from loco_mjx.config import PPOConfig
+from loco_mjx.networks import hold as hold_lib
 from loco_mjx.networks.policies import DEPTH, STATE, Networks, Params
 from loco_mjx.ppo import frames, gae
 from loco_mjx.ppo import loss as loss_lib
@@ -28,12 +29,14 @@ class Experience:
         normalizer: the statistics it was collected with.
         advantage: (T, B) λ-advantages.
         starts: (T+1, B) from :func:`loco_mjx.ppo.frames.episode_starts`, or None without depth.
+        hold: control steps for which the policy held the depth it saw (static).
     """
 
     rollout: Rollout
     normalizer: Normalizer
     advantage: jax.Array
     starts: jax.Array | None
+    hold: int = struct.field(pytree_node=False, default=1)
 
     def batch(self, rows: jax.Array) -> Batch:
         """The transitions of (n,) int32 sample numbers."""
@@ -48,12 +51,13 @@ class Experience:
         stored = self.rollout.frames
         if stored is not None and self.starts is not None:
             count = stored.shape[0] - self.rollout.reward.shape[0]
-            obs[DEPTH] = frames.stack(stored, self.starts, step, column, count)
+            seen = hold_lib.seen_step(step, self.starts[step, column], self.hold)
+            obs[DEPTH] = frames.stack(stored, self.starts, seen, column, count)
         return obs
 
 
-def experience(rollout: Rollout, normalizer: Normalizer, config: PPOConfig) -> Experience:
-    """Computes advantages and episode starts of a rollout."""
+def experience(rollout: Rollout, normalizer: Normalizer, config: PPOConfig, hold: int = 1) -> Experience:
+    """Computes advantages and episode starts of a rollout whose policy held its depth for `hold` control steps."""
     data, reward = rollout, config.reward_scale * rollout.reward
     advantage = gae.advantages(
         reward, data.value, data.terminated, data.done, data.reset, config.discount, config.gae_lambda
@@ -61,7 +65,7 @@ def experience(rollout: Rollout, normalizer: Normalizer, config: PPOConfig) -> E
     starts = None
     if data.frames is not None:
         starts = frames.episode_starts(data.reset, data.frames.shape[0] - data.reward.shape[0])
-    return Experience(rollout, normalizer, advantage, starts)
+    return Experience(rollout, normalizer, advantage, starts, hold)
 
 
 def make_optimizer(config: PPOConfig) -> optax.GradientTransformation:
