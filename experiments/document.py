@@ -18,17 +18,17 @@ Written by `python -m experiments.document` from the files under `experiments/re
 """
 LEARNING = """## Learning, on a CPU
 
-`python -m experiments.learning` trains these with the `fast` preset, seed 0, and evaluates each on {episodes} episodes of 1,000
-control steps in scenes it has not seen. Distances in m, lengths in control steps. "At the start" is the same policy before it
-has learnt: acting by its mean it stands still, exploring it falls over. "Exploring" is the policy as it acts in training, drawing
-from its Gaussian; the mean of the last {tail} iterations.
+`python -m experiments.learning` trains these with the `fast` preset, seed 0, and evaluates each on {episodes}
+episodes of 1,000 control steps in scenes it has not seen. Distances in m, lengths in control steps. "At the start"
+is the same policy after its first iteration: acting by its mean it stands still, exploring it falls over.
+"Exploring" is the policy as it acts in training, drawing from its Gaussian; the mean of the last {tail} iterations.
 
 ![Distance and episode length over samples](learning.png)
 """
 SPEED = """## Speed, on a CPU
 
-`python -m experiments.speed`, alone on the machine unless a file says otherwise. Absolute times vary from machine to machine; the peer is measured in
-the same run, on the same scenes, with as many threads.
+`python -m experiments.speed`. Absolute times vary from machine to machine; a peer is measured in the same run, on
+the same scenes, with as many threads.
 """
 
 

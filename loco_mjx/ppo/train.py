@@ -90,7 +90,8 @@ class Trainer:
             raise UserError(f"policy '{config.policy}' needs depth; env.observation.depth.enabled is False")
         if config.ppo.unroll % self.networks.hold:
             raise config_lib.UserError(
-                f"network.hold {self.networks.hold} does not divide ppo.unroll {config.ppo.unroll}; accepted: a divisor of it"
+                f"network.hold {self.networks.hold} does not divide ppo.unroll {config.ppo.unroll}; "
+                "accepted: a divisor of it"
             )
         self.chunk = CPU_CHUNK if self.mesh.devices.flat[0].platform == "cpu" else None
         # How states and rollouts (time-major) lie on the mesh.
