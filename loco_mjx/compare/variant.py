@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
 from typing import Any
 
 from loco_mjx.config import Config, to_dict
@@ -24,6 +26,12 @@ METHOD_KEYS = (
 # Keys that have an option of their own.
 GIVEN = {"env.task": "--tasks", "ppo.total_steps": "--total-steps"}
 _NETWORK = "network."
+
+
+@cache
+def default_keys() -> Mapping[str, Any]:
+    """Every key of the configuration, on one level, with its default."""
+    return MappingProxyType(flatten(to_dict(Config())))
 
 
 @dataclass(frozen=True)
@@ -51,7 +59,7 @@ class Variant:
 
     def matches(self, config: Mapping[str, Any]) -> bool:
         """Whether a run's flat configuration is of this variant, however it was trained."""
-        defaults, changes = flatten(to_dict(Config())), dict(self.changes)
+        defaults, changes = default_keys(), dict(self.changes)
         wanted = {key: changes.get(key, str(defaults[key])) for key in {*METHOD_KEYS, *changes}}
         same = all(str(config.get(key)) == value for key, value in wanted.items())
         return config.get("policy") == self.policy and same
@@ -82,7 +90,7 @@ def parse_change(text: str) -> tuple[str, str]:
         raise UserError(f"'{text}' changes nothing; accepted: KEY=VALUE, e.g. layers=1 or ppo.clip=0.1")
     key = key.replace("-", "_")
     key = key if "." in key else _NETWORK + key
-    known = flatten(to_dict(Config()))
+    known = default_keys()
     if key in GIVEN:
         raise UserError(f"'{key}' is given by {GIVEN[key]}; change another key")
     if key not in known:
