@@ -84,7 +84,12 @@ def sweep(cells: Sequence[Cell], console: Console, run: Runner = run_command, dr
         console: for the table, the progress and the failures.
         run: runs one command.
         dry: only show.
+
+    Raises:
+        UserError: if the directories of the runs cannot be made; nothing has run then.
     """
+    if not dry:
+        _make_directories(cells)
     finished, blocked = split(cells)
     console.print(overview(cells, finished))
     result = Result(skipped=finished, failed=blocked)
@@ -105,6 +110,14 @@ def sweep(cells: Sequence[Cell], console: Console, run: Runner = run_command, dr
     return result
 
 
+def _make_directories(cells: Sequence[Cell]) -> None:
+    for folder in dict.fromkeys(cell.path.parent for cell in cells):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(f"cannot write {folder}: {error.strerror or error}; choose another --out") from error
+
+
 def _run_cell(cell: Cell, run: Runner, tick: Callable[[], None]) -> str | None:
     """Trains and evaluates a cell; what went wrong, or None."""
     try:
@@ -116,9 +129,9 @@ def _run_cell(cell: Cell, run: Runner, tick: Callable[[], None]) -> str | None:
             code = run(cell.evaluate_command(task), cell.log, tick)
             if code:
                 return _failure(f"evaluate on {task}", code, cell.log)
+        return None if cell.finished() else f"its commands ended well, but it is not finished; see {cell.log}"
     except (UserError, OSError) as error:
         return " ".join(str(error).split())
-    return None if cell.finished() else f"its commands ended well, but it is not finished; see {cell.log}"
 
 
 def _failure(what: str, code: int, log: Path) -> str:

@@ -191,6 +191,7 @@ BAD = {
     "steps": (["--total-steps", "0"], "ppo.total_steps is 0"),
     "value": (["--set", "ppo.clip=x"], "ppo.clip"),
     "out": (["--out", "/dev/null"], "is a file"),
+    "access": (["--out", "/proc/sweep"], "cannot write /proc/sweep"),
 }
 
 
