@@ -167,7 +167,7 @@ class _Progress:
         done = sum(self._done.values())
         if done > self._shown:
             self._shown = done
-            self.reporter.update(done, (done - self._before) / (time.monotonic() - self._begin), {})
+            self.reporter.update(done, (done - self._before) / max(time.monotonic() - self._begin, 1e-3), {})
 
 
 @contextlib.contextmanager

@@ -1,8 +1,12 @@
+import dataclasses
+
+import jax
 import pytest
 
 from experiments.paper import EXPERIMENTS, cells_of
 from loco_mjx.compare import paper
-from loco_mjx.config import to_dict
+from loco_mjx.config import EnvConfig, to_dict
+from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
 from loco_mjx.run.directory import flatten
 
@@ -37,6 +41,15 @@ def test_every_table_is_named_by_an_experiment_that_fills_it():
     for table in paper.TABLES:
         tasks = {column.trained_on for column in table.columns}
         assert tasks <= {task for one in EXPERIMENTS if table.number in one.tables for task in one.tasks}
+
+
+def test_every_metric_of_the_tables_is_one_of_the_environment():
+    env = EnvConfig()
+    depth = dataclasses.replace(env.observation.depth, enabled=False)
+    env = dataclasses.replace(env, observation=dataclasses.replace(env.observation, depth=depth))
+    metrics = jax.eval_shape(LocoEnv(env).reset, jax.random.PRNGKey(0)).metrics
+    wanted = {column.metric for table in paper.TABLES for column in table.columns}
+    assert wanted - set(metrics) == {"return"}  # which is the sum of the reward
 
 
 def test_a_scale_changes_the_samples_alone_until_nothing_would_be_learnt(tmp_path):

@@ -38,8 +38,8 @@ class Stub:
         if any(text in " ".join(command) for text in self.fails):
             log.write_text("compiling\nloco-mjx: the disk is full\n")
             return 2
-        tick()
         (self.train if verb == "train" else self.evaluate)(words)
+        tick()
         return 0
 
     def train(self, words):
@@ -78,6 +78,7 @@ def test_every_cell_is_trained_and_evaluated_and_skipped_the_next_time(tmp_path,
     verbs = [ran[0] for ran in stub.ran]
     assert verbs == ["train", "evaluate", "evaluate"] * 4
     assert "4 run, 0 finished before, 0 failed" in out
+    assert "16,384/65,536 samples" in out  # of the whole sweep, after the first of its four cells
     again = Stub()
     result, out = run(cells(tmp_path), again, capsys)
     assert again.ran == [] and len(result.skipped) == 4
