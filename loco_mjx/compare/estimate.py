@@ -45,9 +45,10 @@ def overview(cells: Sequence[Cell], finished: Sequence[Cell]) -> Table:
     known = rates(cells)
     table = Table(title=_title(cells, finished, known), title_justify="left", caption=_caption(cells))
     table.add_column("task", no_wrap=True)
-    table.add_column("policy", no_wrap=True)
-    for name in ("seeds", "samples each", "finished", "time"):
-        table.add_column(name, justify="right", overflow="fold")
+    table.add_column("policy", overflow="fold")
+    table.add_column("seeds", overflow="fold", justify="right")
+    for name in ("samples each", "finished", "time"):
+        table.add_column(name, no_wrap=True, justify="right")
     for task, variant in dict.fromkeys((cell.task, cell.variant) for cell in cells):
         group = [cell for cell in cells if (cell.task, cell.variant) == (task, variant)]
         todo = [cell for cell in group if cell not in finished]
