@@ -117,12 +117,14 @@ def _figure(task: str, methods: dict[str, list[Curve | None]], out: Path) -> lis
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import EngFormatter
 
     figure, axes = plt.subplots(2, 2, figsize=(11, 7), constrained_layout=True)
     for i, (panel, axis) in enumerate(zip(PANELS, axes.flat, strict=True)):
         for color, (label, curves) in enumerate(methods.items()):
             _line(axis, curves[i], label, f"C{color}")
-        axis.set(title=panel[0], xlabel="samples, millions", ylabel=panel[1])
+        axis.set(title=panel[0], xlabel="samples", ylabel=panel[1])
+        axis.xaxis.set_major_formatter(EngFormatter(sep=""))
         axis.grid(alpha=0.3)
         if axis.lines:
             axis.legend(fontsize=8)
@@ -143,8 +145,7 @@ def _line(axis: Any, curve: Curve | None, label: str, color: str) -> None:
     if curve is None:
         return
     seeds = f"{curve.seeds} seed" + ("" if curve.seeds == 1 else "s")
-    millions = curve.steps / 1e6
-    marker = "o" if len(millions) <= 20 else None
-    axis.plot(millions, curve.mean, color=color, label=f"{label}, {seeds}", marker=marker, markersize=3)
+    marker = "o" if len(curve.steps) <= 20 else None
+    axis.plot(curve.steps, curve.mean, color=color, label=f"{label}, {seeds}", marker=marker, markersize=3)
     if curve.seeds > 1:
-        axis.fill_between(millions, curve.mean - curve.std, curve.mean + curve.std, color=color, alpha=0.2, lw=0)
+        axis.fill_between(curve.steps, curve.mean - curve.std, curve.mean + curve.std, color=color, alpha=0.2, lw=0)

@@ -14,7 +14,7 @@ EXPLANATION = (
     "without randomisation; with one seed there is no deviation to give. Beside it the paper's figure. Both deviations "
     "are the population's. Samples, seeds and episodes of each evaluation are those that ours stand on."
 )
-NOTHING, ONE_SEED = "–", "{:.1f}"
+NOTHING = "–"
 _ESCAPED = {"&": r"\&", "%": r"\%", "_": r"\_", "#": r"\#"}
 
 
@@ -40,7 +40,7 @@ def ours(cell: FilledCell) -> str:
     if cell.ours is None:
         return NOTHING
     mean, std = cell.ours.mean, cell.ours.std
-    return _pair((mean, std)) if len(cell.ours.values) > 1 else ONE_SEED.format(mean)
+    return _pair((mean, std)) if len(cell.ours.values) > 1 else _number(mean)
 
 
 def printed(value: Value | None) -> str:
@@ -66,7 +66,12 @@ def _basis_words(row: Sequence[FilledCell]) -> list[str]:
 
 
 def _pair(value: Value) -> str:
-    return f"{value[0]:.1f} ± {value[1]:.1f}"
+    return f"{_number(value[0])} ± {_number(value[1])}"
+
+
+def _number(value: float) -> str:
+    """One decimal, as the paper has it; what rounds to nothing has no sign."""
+    return f"{round(value, 1) + 0.0:.1f}"
 
 
 def _arrow(column: Column) -> str:
