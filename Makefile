@@ -3,6 +3,11 @@ ENV ?= thin
 POLICY ?= loco-transformer
 SEED ?= 0
 STEPS ?=
+TASKS ?= thin,wide
+POLICIES ?= loco-transformer,state-only
+SEEDS ?= 0-4
+OUT ?= runs/sweep
+SCALE ?= 1
 ARGS ?=
 PYTHON ?= python3
 
@@ -10,7 +15,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help setup train test lint bench clean
+.PHONY: help setup train sweep paper test lint bench clean
 
 help:  ## Lists the targets.
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -24,6 +29,12 @@ $(STAMP): pyproject.toml constraints.txt
 
 train: $(STAMP)  ## Trains POLICY on ENV, e.g. make train ENV=mountain POLICY=loco-transformer SEED=0 STEPS=1000000.
 	$(BIN)/loco-mjx train --task $(ENV) --policy $(POLICY) --seed $(SEED) $(if $(STEPS),--total-steps $(STEPS)) $(ARGS)
+
+sweep: $(STAMP)  ## Trains and evaluates POLICIES on TASKS with SEEDS into OUT, e.g. make sweep TASKS=thin SEEDS=0-1 STEPS=1000000.
+	$(BIN)/loco-mjx sweep --tasks $(TASKS) --policies $(POLICIES) --seeds $(SEEDS) --out $(OUT) $(if $(STEPS),--total-steps $(STEPS)) $(ARGS)
+
+paper: $(STAMP)  ## Runs the paper's experiments, or goes on; SCALE=0.01 is a hundredth of the samples.
+	$(BIN)/python -m experiments.paper --scale $(SCALE) $(ARGS)
 
 test: $(STAMP)  ## Runs the whole test suite.
 	$(BIN)/python -m pytest $(ARGS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import tyro
 
@@ -16,10 +17,13 @@ PROG = "loco-mjx evaluate"
 
 @dataclass(frozen=True)
 class Options:
-    """Evaluates the policy of a run; by default without noise, on the task it was trained on."""
+    """Evaluates the policy of a run; by default without noise, on the task it was trained on.
+
+    A directory that holds a method's runs, one per seed, gives mean and deviation over the seeds.
+    """
 
     directory: tyro.conf.Positional[Path]
-    """The run's directory."""
+    """The run's directory, or that of the runs of several seeds."""
     task: str | None = None
     """Task to evaluate on; None: the one it was trained on."""
     episodes: int = 32
@@ -46,10 +50,16 @@ def main(args: Sequence[str]) -> int:
         from loco_mjx.run import machine
 
         machine.set_up()
-        from loco_mjx.evaluation import report
+        from loco_mjx.evaluation import report, seeds
 
-        result = report.evaluate(
-            options.directory, options.task, options.episodes, options.seed, options.stochastic, options.randomize
+        module: Any = seeds if seeds.holds_seeds(options.directory) else report
+        result = module.evaluate(
+            options.directory,
+            options.task,
+            episodes=options.episodes,
+            seed=options.seed,
+            stochastic=options.stochastic,
+            randomize=options.randomize,
         )
-        show(result, report.table(result))
+        show(result, module.table(result))
     return 0

@@ -16,6 +16,9 @@ from loco_mjx.errors import UnknownNameError, UserError
 VERBS: dict[str, str] = {
     "train": "train a policy on a task; the same command again resumes",
     "evaluate": "run a trained policy for episodes on any task and report the metrics",
+    "sweep": "train and evaluate every combination of tasks, policies and seeds; again: goes on",
+    "table": "write the paper's tables from the evaluations of a directory of runs",
+    "curves": "draw training and evaluation curves over seeds from a directory of runs",
     "bench": "measure the speed of depth, physics, the environment or training",
     "scene": "write a generated scene as MJCF and as a picture",
 }

@@ -6,7 +6,10 @@ import contextlib
 import json
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
+
+from loco_mjx.errors import UserError
 
 Show = Callable[[dict[str, Any], Any], None]
 
@@ -32,3 +35,16 @@ def one_object(as_json: bool) -> Iterator[Show]:
 
     with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
         yield show
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a file, and its directory where there is none.
+
+    Raises:
+        UserError: without write access.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror or error}; choose a writable directory") from error

@@ -72,11 +72,12 @@ def evaluate(
         "episodes": {name: values.tolist() for name, values in figures.items()},
         "versions": about.versions(),
     }
-    _keep(directory, result)
+    keep(directory, result)
     return result
 
 
-def _keep(directory: Path, result: dict[str, Any]) -> None:
+def keep(directory: Path, result: dict[str, Any]) -> None:
+    """Writes a result into the `evaluation/` of a directory, named by what was evaluated."""
     marks = ("" if result["deterministic"] else "-stochastic") + ("-randomized" if result["randomized"] else "")
     name = f"{result['task']}{marks}-{result['samples']}-seed{result['seed']}.json"
     try:

@@ -1,6 +1,7 @@
 """evaluate and bench: what they print, and what they refuse."""
 
 import json
+import shutil
 
 import pytest
 
@@ -41,6 +42,27 @@ def test_evaluate_prints_one_json_object_and_keeps_it(trained, capsys):
     (kept,) = (trained / "evaluation").iterdir()
     assert json.loads(kept.read_text()) == result
     assert kept.name == "thin-32-seed0.json"
+
+
+def test_evaluate_over_seeds_gives_mean_and_deviation_of_the_seeds_means(trained, capsys, tmp_path):
+    folder = tmp_path / "method"
+    shutil.copytree(trained, folder / "seed3")
+    shutil.copytree(trained, folder / "seed4")
+    for path in (folder / "seed4").rglob("*.json"):
+        path.write_text(path.read_text().replace('"seed": 3', '"seed": 4'))
+    assert main(["evaluate", str(folder), "--episodes", "3", "--json"]) == 0
+    result = only_object(capsys.readouterr().out)
+    assert result["seeds_trained"] == [3, 4] and result["num_episodes"] == 3
+    own = [json.loads((folder / f"seed{i}/evaluation/thin-32-seed0.json").read_text()) for i in (3, 4)]
+    means = [one["metrics"]["distance"]["mean"] for one in own]
+    assert result["metrics"]["distance"] == {"mean": sum(means) / 2, "std": 0.0, "seeds": means}
+    assert json.loads((folder / "evaluation" / "thin-32-seed0.json").read_text()) == result
+    assert main(["evaluate", str(folder), "--episodes", "3"]) == 0
+    assert "2 seeds" in " ".join(capsys.readouterr().out.split())
+    config = folder / "seed4" / "config.json"
+    config.write_text(config.read_text().replace('"clip": 0.2', '"clip": 0.3'))
+    assert main(["evaluate", str(folder)]) == 2
+    assert "ppo.clip is" in capsys.readouterr().err
 
 
 def test_evaluate_prints_a_table(trained, capsys):

@@ -1,0 +1,93 @@
+"""`loco-mjx sweep`: trains and evaluates every combination of tasks, policies and seeds; again: goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from loco_mjx.cli.parse import parse
+from loco_mjx.errors import UserError
+
+if TYPE_CHECKING:
+    from loco_mjx.compare.cells import Plan
+
+PROG = "loco-mjx sweep"
+FAILED = 1
+
+
+@dataclass(frozen=True)
+class Options:
+    """Trains and evaluates every combination of tasks, policies and seeds. The same command again goes on.
+
+    What is finished is skipped; what fails is listed at the end, and the exit code is then 1.
+    """
+
+    tasks: str = "thin"
+    """Tasks to train on, joined by commas."""
+    policies: str = "loco-transformer"
+    """Policies to train, joined by commas; +KEY=VALUE changes one: loco-transformer+layers=1."""
+    seeds: str = "0"
+    """Seeds, as in 0-4 or 0,2,5."""
+    out: Path = Path("runs/sweep")
+    """Directory of the sweep; a run's is TASK/POLICY/seedSEED in it."""
+    eval_tasks: str | None = None
+    """Tasks to evaluate each run on at its end, joined by commas; None: the one it was trained on."""
+    episodes: int = 32
+    """Episodes of each evaluation."""
+    preset: str = "fast"
+    """Defaults of the whole configuration, as in train."""
+    total_steps: int | None = None
+    """Samples of each run; None: the preset's, on a CPU too."""
+    num_envs: int | None = None
+    """Parallel environments; None: the preset's."""
+    changes: Annotated[tuple[str, ...], tyro.conf.arg(name="set")] = ()
+    """Keys of every run's configuration: --set ppo.clip=0.1 env.randomization.enabled=True."""
+    launcher: Literal["local"] = "local"
+    """Where runs go: local is this machine, one after the other, each on all devices."""
+    dry_run: bool = False
+    """Only show what would run, and how long."""
+
+
+def main(args: Sequence[str]) -> int:
+    """Runs the command.
+
+    Raises:
+        UserError: if what is asked cannot be done; nothing is written then.
+    """
+    options = parse(Options, args, PROG)
+    from rich.console import Console
+
+    from loco_mjx.compare import launch
+    from loco_mjx.compare.lists import parse_names, parse_seeds
+    from loco_mjx.compare.variant import parse_variant
+
+    tasks, seeds = parse_names(options.tasks, "tasks"), parse_seeds(options.seeds)
+    variants = [parse_variant(text) for text in parse_names(options.policies, "policies")]
+    if options.out.exists() and not options.out.is_dir():
+        raise UserError(f"{options.out} is a file; choose a directory for the sweep")
+    cells = plan(options).cells(tasks, variants, seeds)
+    result = launch.sweep(cells, Console(), dry=options.dry_run)
+    if not options.dry_run and (result.ran or result.skipped):
+        print(f"next: loco-mjx table {options.out}; loco-mjx curves {options.out}")
+    return FAILED if result.failed else 0
+
+
+def plan(options: Options) -> Plan:
+    """What every cell shares.
+
+    Raises:
+        UserError: if a key is unknown.
+    """
+    from loco_mjx.compare.cells import Plan
+    from loco_mjx.compare.lists import parse_names
+    from loco_mjx.compare.variant import Variant, parse_change
+
+    changes = Variant("", tuple(parse_change(text) for text in options.changes)).words[2:]
+    more = [] if options.num_envs is None else ["--num-envs", str(options.num_envs)]
+    eval_tasks = tuple(parse_names(options.eval_tasks, "tasks")) if options.eval_tasks else ()
+    words = (*changes, *more)
+    return Plan(options.out, options.preset, options.total_steps, eval_tasks, options.episodes, words)

@@ -1,0 +1,185 @@
+"""What a sweep consists of: cells, each one training run and its evaluations, as commands to run."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from loco_mjx.compare.variant import Variant
+from loco_mjx.config import Config
+from loco_mjx.errors import UserError
+from loco_mjx.run import directory
+from loco_mjx.run.logger import CSV, SECONDS, STEP, read_rows
+
+PROGRAM = (sys.executable, "-m", "loco_mjx.cli.main")
+EVALUATION_SEED = 0  # the same scenes for every policy
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One training run and the tasks it is evaluated on.
+
+    Attributes:
+        task: to train on.
+        variant: to train.
+        seed: of the run.
+        path: its directory.
+        config: its whole configuration.
+        options: words of `loco-mjx train` beside those above.
+        eval_tasks: to evaluate on.
+        episodes: of each evaluation.
+    """
+
+    task: str
+    variant: Variant
+    seed: int
+    path: Path
+    config: Config
+    options: tuple[str, ...]
+    eval_tasks: tuple[str, ...]
+    episodes: int
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        return f"{self.task}/{self.variant.label}/seed{self.seed}"
+
+    @property
+    def samples(self) -> int:
+        """It trains on."""
+        return self.config.ppo.iterations * self.config.ppo.samples_per_iteration
+
+    @property
+    def log(self) -> Path:
+        """File for what its commands print; beside the run, since a run's directory takes in nothing foreign."""
+        return self.path.with_name(self.path.name + ".log")
+
+    def train_command(self) -> list[str]:
+        """Trains it, or goes on."""
+        words = ["--task", self.task, *self.variant.words, "--seed", str(self.seed), "--out", str(self.path)]
+        return [*PROGRAM, "train", *words, *self.options]
+
+    def evaluate_command(self, task: str) -> list[str]:
+        """Evaluates it on a task."""
+        words = ["--task", task, "--episodes", str(self.episodes), "--seed", str(EVALUATION_SEED)]
+        return [*PROGRAM, "evaluate", str(self.path), *words]
+
+    def trained(self) -> bool:
+        """Whether there is nothing left to train.
+
+        Raises:
+            UserError: if its directory holds another run, or something else.
+        """
+        from loco_mjx.run import start
+
+        found = directory.find(self.path)
+        if found is None:
+            return False
+        directory.reconcile(self.path, found, self.config)
+        return start.finished(self.path, self.config)
+
+    def unevaluated(self) -> list[str]:
+        """The tasks on which the finished run has not been evaluated, with as many episodes at least."""
+        return [task for task in self.eval_tasks if not self._has_evaluation(task)]
+
+    def finished(self) -> bool:
+        """Whether nothing is left to do.
+
+        Raises:
+            UserError: as `trained`.
+        """
+        return self.trained() and not self.unevaluated()
+
+    def done(self) -> int:
+        """Samples trained so far, as its curves have it."""
+        rows = read_rows(self.path / CSV)
+        return min(int(rows[-1][STEP]), self.samples) if rows else 0
+
+    def _has_evaluation(self, task: str) -> bool:
+        path = self.path / "evaluation" / f"{task}-{self.samples}-seed{EVALUATION_SEED}.json"
+        try:
+            return path.is_file() and directory.read_json(path)["num_episodes"] >= self.episodes
+        except (UserError, KeyError, TypeError):  # cut short: it is made again
+            return False
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What every cell of a sweep shares.
+
+    Attributes:
+        out: directory; a cell's is TASK/POLICY/seedSEED in it.
+        preset: of the configuration.
+        total_steps: samples; None: the preset's.
+        eval_tasks: to evaluate on; none: the task trained on.
+        episodes: of each evaluation.
+        options: words of `loco-mjx train`, for every cell.
+    """
+
+    out: Path
+    preset: str = "fast"
+    total_steps: int | None = None
+    eval_tasks: tuple[str, ...] = ()
+    episodes: int = 32
+    options: tuple[str, ...] = ()
+
+    def group(self, task: str, variant: Variant, seeds: Sequence[int]) -> dict[int, Cell]:
+        """The cells of one policy on one task, their configurations as `loco-mjx train` will read them.
+
+        Raises:
+            UserError: if there is no such task, or the configuration does not fit together.
+        """
+        from loco_mjx.cli import train
+
+        words = ["--preset", self.preset, *self.options]
+        words += [] if self.total_steps is None else ["--total-steps", str(self.total_steps)]
+        config = _configuration((*variant.words, *words))
+        config = dataclasses.replace(config, env=dataclasses.replace(config.env, task=task))
+        train.check(config)
+        if self.total_steps is None:  # without it `train` would take what a CPU does in minutes
+            words += ["--total-steps", str(config.ppo.total_steps)]
+        path, eval_tasks = self.out / task / variant.label, self.eval_tasks or (task,)
+
+        def cell(seed: int) -> Cell:
+            own = dataclasses.replace(config, seed=seed)
+            return Cell(task, variant, seed, path / f"seed{seed}", own, tuple(words), eval_tasks, self.episodes)
+
+        return {seed: cell(seed) for seed in seeds}
+
+    def cells(self, tasks: Sequence[str], variants: Sequence[Variant], seeds: Sequence[int]) -> list[Cell]:
+        """Every combination; a seed's whole comparison comes before the next seed's, so that it fills evenly.
+
+        Raises:
+            UserError: as `group`, or if there is no such task to evaluate on.
+        """
+        from loco_mjx.scene.tasks import get_task
+
+        for task in self.eval_tasks:
+            get_task(task)
+        if self.episodes < 1:
+            raise UserError(f"episodes is {self.episodes}; accepted: 1 or more")
+        groups = [self.group(task, variant, seeds) for task in tasks for variant in variants]
+        return [group[seed] for seed in seeds for group in groups]
+
+
+@cache
+def _configuration(words: tuple[str, ...]) -> Config:
+    """What `loco-mjx train` makes of words; cached, since reading them takes long beside everything else here."""
+    from loco_mjx.cli import train
+
+    return train.configuration(train.read(words))
+
+
+def measured_rate(cells: Sequence[Cell]) -> float | None:
+    """Samples per second that runs of these cells have had, compilation and evaluation included; None without any."""
+    samples = seconds = 0.0
+    for cell in cells:
+        rows = read_rows(cell.path / CSV)
+        if rows:
+            samples += float(rows[-1][STEP])
+            seconds += float(rows[-1].get(SECONDS) or 0.0)
+    return samples / seconds if seconds else None

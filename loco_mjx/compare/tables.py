@@ -1,0 +1,149 @@
+"""The paper's tables filled with our figures beside the paper's, and what is missing of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from loco_mjx.compare import paper, results
+from loco_mjx.compare.paper import Column, PaperTable, Row, Value
+from loco_mjx.compare.results import Evaluation, OverSeeds, Run
+from loco_mjx.errors import UserError
+
+
+@dataclass(frozen=True)
+class FilledCell:
+    """One figure.
+
+    Attributes:
+        paper: its mean and standard deviation; None where the paper has a dash.
+        ours: over seeds; None where nothing was evaluated.
+        evaluations: that ours stands on.
+    """
+
+    paper: Value | None
+    ours: OverSeeds | None = None
+    evaluations: tuple[Evaluation, ...] = ()
+
+
+@dataclass(frozen=True)
+class FilledTable:
+    """A table of the paper with our figures.
+
+    Attributes:
+        table: of the paper.
+        cells: one tuple per row.
+        notes: what is missing or was left out, a sentence each.
+    """
+
+    table: PaperTable
+    cells: tuple[tuple[FilledCell, ...], ...]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a directory holds.
+
+    Attributes:
+        tables: all of the paper's.
+        notes: about the whole directory.
+    """
+
+    tables: tuple[FilledTable, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass
+class _Notes:
+    lines: dict[str, None] = field(default_factory=dict)
+
+    def add(self, text: str) -> None:
+        self.lines.setdefault(text)
+
+
+def fill(folder: Path, mixed_versions: bool = False) -> Findings:
+    """Fills every table from the runs in a directory.
+
+    Args:
+        folder: of the runs.
+        mixed_versions: accept evaluations made by different versions.
+
+    Raises:
+        UserError: if there is nothing to compare, or what there is cannot be compared.
+    """
+    runs = results.find_runs(folder)
+    evaluations = results.find_evaluations(runs)
+    if not evaluations:
+        raise UserError(
+            f"{_count(len(runs), 'run')} in {folder}, none evaluated; let `loco-mjx sweep` finish, or use "
+            "`loco-mjx evaluate`"
+        )
+    if not mixed_versions:
+        results.check_versions(evaluations)
+    tables = tuple(_fill_table(table, runs, evaluations) for table in paper.TABLES)
+    return Findings(tables, tuple(_overall(runs, evaluations, tables)))
+
+
+def _fill_table(table: PaperTable, runs: Sequence[Run], evaluations: Sequence[Evaluation]) -> FilledTable:
+    notes = _Notes()
+    cells = tuple(
+        tuple(
+            _fill_cell(row, column, value, runs, evaluations, notes)
+            for column, value in zip(table.columns, row.values, strict=True)
+        )
+        for row in table.rows
+    )
+    return FilledTable(table, cells, tuple(notes.lines))
+
+
+def _fill_cell(
+    row: Row,
+    column: Column,
+    value: Value | None,
+    runs: Sequence[Run],
+    evaluations: Sequence[Evaluation],
+    notes: _Notes,
+) -> FilledCell:
+    own = [run for run in runs if run.config.env.task == column.trained_on and row.variant.matches(run.flat)]
+    found = [one for one in evaluations if one.run in own and one.task == column.evaluated_on]
+    what = f"{row.label} trained on {column.trained_on}"
+    if not found:
+        why = "no run" if not own else f"{_count(len(own), 'run')}, none evaluated on {column.evaluated_on}"
+        notes.add(f"missing: {what}: {why}")
+        return FilledCell(value)
+    most = max(one.samples for one in found)
+    used = [one for one in found if one.samples == most]
+    for one in found:
+        if one not in used:
+            notes.add(f"left out: {what}, seed {one.run.config.seed}: {one.samples:,} samples, others {most:,}")
+    for run in own:
+        if run not in [one.run for one in found]:
+            notes.add(f"missing: {what}, seed {run.config.seed}: not evaluated on {column.evaluated_on}")
+    results.check_same_method([one.run for one in used], what)
+    missing = next((one for one in used if column.metric not in one.metrics), None)
+    if missing is not None:
+        raise UserError(f"{missing.path} has no '{column.metric}'; evaluate the run again")
+    ours = results.over_seeds([one.metrics[column.metric] for one in used])
+    return FilledCell(value, ours, tuple(used))
+
+
+def _overall(runs: Sequence[Run], evaluations: Sequence[Evaluation], tables: Sequence[FilledTable]) -> list[str]:
+    """Runs that are not finished, and those that no table of the paper has a place for."""
+    notes = []
+    for run in runs:
+        newest = max((one.samples for one in evaluations if one.run is run), default=0)
+        if newest < run.samples:
+            how = f"evaluated at {newest:,} of its {run.samples:,} samples" if newest else "not evaluated"
+            notes.append(f"unfinished: {run.path}: {how}")
+    rows = [(row, column) for table in tables for row in table.table.rows for column in table.table.columns]
+    for run in runs:
+        if not any(run.config.env.task == c.trained_on and r.variant.matches(run.flat) for r, c in rows):
+            label = results.variant_of(run.flat).label
+            notes.append(f"in no table of the paper: {run.path} ({label} on {run.config.env.task})")
+    return notes
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("" if number == 1 else "s")

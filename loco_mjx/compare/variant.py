@@ -1,0 +1,98 @@
+"""A policy with some keys of the configuration changed: what an ablation compares, written `POLICY+KEY=VALUE`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Any
+
+from loco_mjx.config import Config, to_dict
+from loco_mjx.errors import UnknownNameError, UserError
+from loco_mjx.run.directory import flatten
+
+# Keys that make another method of the same policy; the other keys are how it was trained.
+METHOD_KEYS = (
+    "network.tokens_per_side",
+    "network.layers",
+    "network.token_dim",
+    "network.latent_dim",
+    "network.hold",
+    "env.action.diagonal",
+    "env.observation.depth.frames",
+    "env.observation.depth.noise",
+)
+# Keys that have an option of their own.
+GIVEN = {"env.task": "--tasks", "ppo.total_steps": "--total-steps"}
+_NETWORK = "network."
+
+
+@cache
+def default_keys() -> Mapping[str, Any]:
+    """Every key of the configuration, on one level, with its default."""
+    return MappingProxyType(flatten(to_dict(Config())))
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A policy and the keys in which it differs from its preset.
+
+    Attributes:
+        policy: its name.
+        changes: pairs of a configuration's key and the value, both as words.
+    """
+
+    policy: str
+    changes: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def label(self) -> str:
+        """What it is called, on the command line and as a directory: `loco-transformer+layers=1`."""
+        return "+".join([self.policy, *(f"{key.removeprefix(_NETWORK)}={value}" for key, value in self.changes)])
+
+    @property
+    def words(self) -> list[str]:
+        """Options of `loco-mjx train`."""
+        options = [word for key, value in self.changes for word in (f"--{key.replace('_', '-')}", value)]
+        return ["--policy", self.policy, *options]
+
+    def matches(self, config: Mapping[str, Any]) -> bool:
+        """Whether a run's flat configuration is of this variant, however it was trained."""
+        defaults, changes = default_keys(), dict(self.changes)
+        wanted = {key: changes.get(key, str(defaults[key])) for key in {*METHOD_KEYS, *changes}}
+        same = all(str(config.get(key)) == value for key, value in wanted.items())
+        return config.get("policy") == self.policy and same
+
+
+def parse_variant(text: str) -> Variant:
+    """Reads `POLICY` or `POLICY+KEY=VALUE+...`; a key without a dot is one of the network's.
+
+    Raises:
+        UserError: if the policy or a key is unknown, or there is no value.
+    """
+    from loco_mjx.networks.policies import POLICIES
+
+    policy, *changes = text.split("+")
+    if policy not in POLICIES:
+        raise UnknownNameError("policy", policy, POLICIES)
+    return Variant(policy, tuple(parse_change(change) for change in changes))
+
+
+def parse_change(text: str) -> tuple[str, str]:
+    """Reads `KEY=VALUE`.
+
+    Raises:
+        UserError: if the key is unknown, or there is no value.
+    """
+    key, _, value = (part.strip() for part in text.partition("="))
+    if not key or not value:
+        raise UserError(f"'{text}' changes nothing; accepted: KEY=VALUE, e.g. layers=1 or ppo.clip=0.1")
+    key = key.replace("-", "_")
+    key = key if "." in key else _NETWORK + key
+    known = default_keys()
+    if key in GIVEN:
+        raise UserError(f"'{key}' is given by {GIVEN[key]}; change another key")
+    if key not in known:
+        raise UnknownNameError("key", key, [name for name in known if "." in name])
+    return key, value

@@ -1,0 +1,66 @@
+import dataclasses
+
+import jax
+import pytest
+
+from experiments.paper import EXPERIMENTS, cells_of
+from loco_mjx.compare import paper
+from loco_mjx.config import EnvConfig, to_dict
+from loco_mjx.env import LocoEnv
+from loco_mjx.errors import UserError
+from loco_mjx.run.directory import flatten
+
+
+@pytest.fixture(scope="module")
+def cells(tmp_path_factory):
+    return cells_of([], tmp_path_factory.mktemp("paper"), 1.0)
+
+
+def test_the_experiments_fill_every_cell_of_the_papers_tables(cells):
+    for table in paper.TABLES:
+        for row in table.rows:
+            for column in table.columns:
+                found = [
+                    cell
+                    for cell in cells
+                    if cell.task == column.trained_on
+                    and column.evaluated_on in cell.eval_tasks
+                    and row.variant.matches(flatten(to_dict(cell.config)))
+                ]
+                assert [cell.seed for cell in found] == [0, 1, 2, 3, 4], (table.number, row.label, column.title)
+
+
+def test_no_run_is_made_twice_and_all_are_the_papers_size(cells):
+    assert len({cell.path for cell in cells}) == len(cells) == 5 * (6 * 5 + 4)
+    assert {cell.config.ppo.total_steps for cell in cells} == {15_000_000}
+    assert {(cell.config.ppo.minibatch, cell.config.ppo.epochs) for cell in cells} == {(256, 3)}  # preset `paper`
+    assert [cell.seed for cell in cells] == sorted(cell.seed for cell in cells)
+
+
+def test_every_table_is_named_by_an_experiment_that_fills_it():
+    for table in paper.TABLES:
+        tasks = {column.trained_on for column in table.columns}
+        assert tasks <= {task for one in EXPERIMENTS if table.number in one.tables for task in one.tasks}
+
+
+def test_every_metric_of_the_tables_is_one_of_the_environment():
+    env = EnvConfig()
+    depth = dataclasses.replace(env.observation.depth, enabled=False)
+    env = dataclasses.replace(env, observation=dataclasses.replace(env.observation, depth=depth))
+    metrics = jax.eval_shape(LocoEnv(env).reset, jax.random.PRNGKey(0)).metrics
+    wanted = {column.metric for table in paper.TABLES for column in table.columns}
+    assert wanted - set(metrics) == {"return"}  # which is the sum of the reward
+
+
+def test_a_scale_changes_the_samples_alone_until_nothing_would_be_learnt(tmp_path):
+    cells = cells_of(["mountain"], tmp_path, 0.01)
+    assert {(cell.config.ppo.total_steps, cell.episodes) for cell in cells} == {(150_000, 100)} and len(cells) == 25
+    cells = cells_of(["mountain"], tmp_path, 0.0005)
+    assert {(cell.config.ppo.total_steps, cell.episodes) for cell in cells} == {(7500, 2)} and len(cells) == 5
+    assert {cell.samples for cell in cells} == {8192}  # one iteration
+
+
+@pytest.mark.parametrize(("names", "scale", "said"), [(["mountains"], 1.0, "mountain"), ([], 0.0, "scale is 0")])
+def test_mistakes(tmp_path, names, scale, said):
+    with pytest.raises(UserError, match=said):
+        cells_of(names, tmp_path, scale)

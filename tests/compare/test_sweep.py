@@ -1,0 +1,224 @@
+"""The sweep with a stub in place of the commands: it does to the disk what they would."""
+
+import csv
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from loco_mjx.cli import sweep as sweep_cli
+from loco_mjx.cli import train
+from loco_mjx.cli.main import main
+from loco_mjx.compare import estimate, launch
+from loco_mjx.compare.cells import PROGRAM, Plan
+from loco_mjx.compare.variant import Variant, parse_variant
+from loco_mjx.config import to_dict
+from loco_mjx.run import checkpoint, directory
+
+STATE, TRANSFORMER = Variant("state-only"), Variant("loco-transformer")
+STEPS = 16_384  # two iterations
+
+
+class Stub:
+    """Trains and evaluates at once; fails where told."""
+
+    def __init__(self, fails=()):
+        self.fails, self.ran = fails, []
+
+    def __call__(self, command, log, tick):
+        assert tuple(command[: len(PROGRAM)]) == PROGRAM
+        verb, words = command[len(PROGRAM)], command[len(PROGRAM) + 1 :]
+        self.ran.append((verb, *words))
+        log.parent.mkdir(parents=True, exist_ok=True)
+        if any(text in " ".join(command) for text in self.fails):
+            log.write_text("compiling\nloco-mjx: the disk is full\n")
+            return 2
+        (self.train if verb == "train" else self.evaluate)(words)
+        tick()
+        return 0
+
+    def train(self, words):
+        options = train.read(words)
+        config = train.configuration(options)
+        directory.write_json(options.out / "config.json", to_dict(config))
+        checkpoint.path_of(options.out, STEPS).mkdir(parents=True)
+        with (options.out / "metrics.csv").open("w") as file:
+            csv.writer(file).writerows([["step", "time/seconds"], [8192, 10.0], [STEPS, 16.384]])
+
+    def evaluate(self, words):
+        task, episodes = words[words.index("--task") + 1], int(words[words.index("--episodes") + 1])
+        path = f"{words[0]}/evaluation/{task}-{STEPS}-seed0.json"
+        directory.write_json(Path(path), {"num_episodes": episodes})
+
+
+def cells(out, seeds=(0, 1), **plan):
+    values = {"total_steps": STEPS, "eval_tasks": ("thin", "wide")} | plan
+    return Plan(out, **values).cells(["thin"], [STATE, TRANSFORMER], seeds)
+
+
+def run(cells, stub, capsys):
+    result = launch.sweep(cells, Console(width=200), run=stub)
+    return result, capsys.readouterr().out
+
+
+def test_every_cell_is_trained_and_evaluated_and_skipped_the_next_time(tmp_path, capsys):
+    stub = Stub()
+    result, out = run(cells(tmp_path), stub, capsys)
+    assert [cell.name for cell in result.ran] == [
+        "thin/state-only/seed0",
+        "thin/loco-transformer/seed0",
+        "thin/state-only/seed1",
+        "thin/loco-transformer/seed1",
+    ]
+    verbs = [ran[0] for ran in stub.ran]
+    assert verbs == ["train", "evaluate", "evaluate"] * 4
+    assert "4 run, 0 finished before, 0 failed" in out
+    assert "16,384/65,536 samples" in out  # of the whole sweep, after the first of its four cells
+    again = Stub()
+    result, out = run(cells(tmp_path), again, capsys)
+    assert again.ran == [] and len(result.skipped) == 4
+    assert "0 run, 4 finished before, 0 failed" in out
+
+
+def test_more_evaluation_of_finished_runs_trains_nothing(tmp_path, capsys):
+    run(cells(tmp_path, seeds=(0,)), Stub(), capsys)
+    stub = Stub()
+    run(cells(tmp_path, seeds=(0,), eval_tasks=("thin", "mountain")), stub, capsys)
+    assert [(ran[0], ran[ran.index("--task") + 1]) for ran in stub.ran] == [("evaluate", "mountain")] * 2
+    stub = Stub()
+    run(cells(tmp_path, seeds=(0,), eval_tasks=("thin",), episodes=64), stub, capsys)
+    assert [ran[0] for ran in stub.ran] == ["evaluate"] * 2
+
+
+def test_a_failure_stops_nothing_and_is_listed_at_the_end(tmp_path, capsys):
+    stub = Stub(fails=["loco-transformer --seed 0"])
+    result, out = run(cells(tmp_path), stub, capsys)
+    assert len(result.ran) == 3 and [cell.name for cell, _ in result.failed] == ["thin/loco-transformer/seed0"]
+    last = out.splitlines()[-1]
+    assert last.startswith("failed: thin/loco-transformer/seed0: train: exit code 2: loco-mjx: the disk is full")
+    # The failed one alone runs again.
+    stub = Stub()
+    result, _ = run(cells(tmp_path), stub, capsys)
+    assert [ran[0] for ran in stub.ran] == ["train", "evaluate", "evaluate"] and not result.failed
+
+
+def test_a_failed_evaluation_is_listed_with_its_task(tmp_path, capsys):
+    result, _ = run(cells(tmp_path, seeds=(0,)), Stub(fails=["state-only/seed0 --task wide"]), capsys)
+    ((cell, why),) = result.failed
+    assert cell.name == "thin/state-only/seed0" and why.startswith("evaluate on wide: exit code 2")
+
+
+def test_a_directory_of_another_run_is_listed_and_left_alone(tmp_path, capsys):
+    run(cells(tmp_path, seeds=(0,)), Stub(), capsys)
+    stub = Stub()
+    result, _ = run(cells(tmp_path, seeds=(0,), options=("--ppo.clip", "0.1")), stub, capsys)
+    assert stub.ran == [] and [why for _, why in result.failed if "ppo.clip is 0.2, asked for 0.1" in why]
+    assert len(result.failed) == 2
+
+
+def test_a_command_that_ends_well_and_leaves_nothing_is_a_failure(tmp_path, capsys):
+    result, _ = run(cells(tmp_path, seeds=(0,)), lambda command, log, tick: 0, capsys)
+    assert len(result.failed) == 2 and "not finished" in result.failed[0][1]
+
+
+def test_the_configuration_of_a_cell_is_what_its_command_trains(tmp_path):
+    plan = Plan(tmp_path, preset="paper", options=("--ppo.clip", "0.1", "--num-envs", "64"))
+    (cell,) = plan.cells(["wide"], [parse_variant("loco-transformer+layers=1")], [4])
+    command = cell.train_command()
+    trained = train.configuration(train.read(command[len(PROGRAM) + 1 :]))
+    assert trained == cell.config
+    assert (trained.seed, trained.env.task, trained.network.layers, trained.ppo.clip) == (4, "wide", 1, 0.1)
+    assert trained.ppo.total_steps == 15_000_000 and "--total-steps" in command
+    assert cell.path == tmp_path / "wide" / "loco-transformer+layers=1" / "seed4"
+
+
+def test_the_time_left_is_samples_over_the_rate_of_the_same_policy(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(estimate.shutil, "which", lambda name: None)
+    monkeypatch.setattr(estimate.machine, "cores", lambda: 2)
+    all_cells = cells(tmp_path)
+    assert dict(estimate.rates(all_cells)) == {"state-only": 4000.0, "loco-transformer": 700.0}
+    assert estimate.seconds_left(all_cells, {"state-only": 4096.0, "loco-transformer": 512.0}) == 2 * (4 + 32)
+    Stub()(all_cells[0].train_command(), all_cells[0].log, lambda: None)
+    assert estimate.rates(all_cells)["state-only"] == pytest.approx(1000.0)  # 16,384 samples in 16.384 s
+    monkeypatch.setattr(estimate.shutil, "which", lambda name: "/usr/bin/nvidia-smi")
+    assert estimate.seconds_left(all_cells, estimate.rates(all_cells)) is None
+    assert estimate.seconds_left([all_cells[2]], estimate.rates(all_cells)) == pytest.approx(16.384)
+
+
+def test_a_command_runs_and_its_output_is_kept(tmp_path):
+    log = tmp_path / "deep" / "log"
+    assert launch.run_command([sys.executable, "-c", "print('hello'); raise SystemExit(3)"], log, lambda: None) == 3
+    assert launch.run_command([sys.executable, "-c", "print('again')"], log, lambda: None) == 0
+    assert log.read_text() == "hello\nagain\n"
+
+
+def test_ctrl_c_lets_the_run_save_and_is_raised_then(tmp_path):
+    program = (
+        "import signal, time, sys\n"
+        "signal.signal(signal.SIGTERM, lambda *_: (print('saved', flush=True), sys.exit(130)))\n"
+        "print('ready', flush=True)\ntime.sleep(20)"
+    )
+    log = tmp_path / "log"
+
+    def interrupt():
+        while not log.exists() or "ready" not in log.read_text():
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's `&` has it ignored
+    threading.Thread(target=interrupt).start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            launch.run_command([sys.executable, "-c", program], log, lambda: None)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert log.read_text() == "ready\nsaved\n"
+
+
+BAD = {
+    "seeds": (["--seeds", "4-0"], "backwards"),
+    "task": (["--tasks", "thin,thinn"], "'thinn' (did you mean 'thin'?)"),
+    "policy": (["--policies", "state"], "policy 'state'"),
+    "eval task": (["--eval-tasks", "wid"], "'wide'"),
+    "launcher": (["--launcher", "ray"], "local"),
+    "key": (["--set", "ppo.clipp=1"], "'ppo.clip'"),
+    "preset": (["--preset", "papr"], "preset 'papr'"),
+    "episodes": (["--episodes", "0"], "episodes is 0"),
+    "steps": (["--total-steps", "0"], "ppo.total_steps is 0"),
+    "value": (["--set", "ppo.clip=x"], "ppo.clip"),
+    "out": (["--out", "/dev/null"], "is a file"),
+    "access": (["--out", "/proc/sweep"], "cannot write /proc/sweep"),
+}
+
+
+@pytest.mark.parametrize(("args", "words"), BAD.values(), ids=BAD.keys())
+def test_a_mistake_is_one_line_and_nothing_is_written(args, words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["sweep", *args]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and len(err.splitlines()) == 1 and words in err, err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_exit_code_says_whether_something_failed(tmp_path, capsys, monkeypatch):
+    sweep = launch.sweep
+    args = ["sweep", "--policies", "state-only", "--out", str(tmp_path / "s"), "--total-steps", str(STEPS)]
+    for stub, code in ((Stub(fails=["train"]), sweep_cli.FAILED), (Stub(), 0)):
+        monkeypatch.setattr(launch, "sweep", lambda *a, stub=stub, **k: sweep(*a, run=stub, **k))
+        assert main(args) == code
+    assert "next: loco-mjx table" in capsys.readouterr().out
+
+
+def test_a_dry_run_shows_and_writes_nothing(tmp_path, capsys):
+    assert main(["sweep", "--out", str(tmp_path / "s"), "--seeds", "0-2", "--dry-run"]) == 0
+    out = capsys.readouterr().out
+    assert "3 runs, 0 of them finished" in out and "3 to run" in out
+    (line,) = [line for line in out.splitlines() if "loco-transformer" in line]
+    assert "0,1,2" in line and "0/3" in line and "15,007,744" in line  # 1,832 iterations of 8,192
+    assert "each evaluated on the task it is trained on, 32 episodes" in " ".join(out.split())
+    assert not (tmp_path / "s").exists()
