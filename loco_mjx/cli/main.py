@@ -17,6 +17,8 @@ VERBS: dict[str, str] = {
     "train": "train a policy on a task; the same command again resumes",
     "evaluate": "run a trained policy for episodes on any task and report the metrics",
     "bench": "measure the speed of depth, physics, the environment or training",
+    "export": "write a policy as a folder that runs without JAX",
+    "deploy": "run an exported policy on a robot: C MuJoCo's or a real one",
     "scene": "write a generated scene as MJCF and as a picture",
 }
 USAGE_ERROR = 2
