@@ -108,8 +108,11 @@ def test_a_deadline_missed_now_and_then_is_only_counted():
 
 
 def test_torque_asked_for_too_long():
-    robot = Faulty(sensors=lambda s: replace(s, velocities=np.full(12, 80.0)))
-    stopped(robot, Cause.TORQUE, limits=Limits(saturated=0.1))
+    robot = Faulty()
+    far = np.array(a1.DEFAULT_POSE) + np.tile([0.0, 3.0, 0.0], 4)
+    kick = lambda obs: far if robot.broken else flat.still(obs)  # noqa: E731
+    record = stopped(robot, Cause.TORQUE, policy=kick, limits=Limits(saturated=0.02))
+    assert record.clamped >= 8
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGUSR1])
