@@ -70,7 +70,7 @@ def write(policy: TrainedPolicy, out: Path, evaluation: dict[str, Any] | None = 
         (out / folder.MANIFEST).unlink(missing_ok=True)
         for name, content in contents.items():
             (out / name).write_bytes(content)
-        np.savez(out / folder.PARAMETERS, **raw_parameters(policy))
+        np.savez(out / folder.PARAMETERS, **raw_parameters(policy))  # type: ignore[arg-type]
     except OSError as error:
         raise UserError(f"cannot write into {out}: {error.strerror or error}; choose another --out") from error
     manifest = describe(policy, evaluation)
