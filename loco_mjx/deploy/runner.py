@@ -112,6 +112,9 @@ class Runner:
                 self.record.cause, self.record.detail = str(Cause.ROBOT), str(error)
                 self._event(f"{Cause.ROBOT}: {error}")
                 self._sink()
+            except BaseException:  # a bug, here or in the runtime: the robot does not pay for it
+                self._sink()
+                raise
         self.record.misses, self.record.clamped = self.guard.misses, self.guard.clamped
         self._event("done")
         return self.record

@@ -93,6 +93,13 @@ def test_an_action_that_is_no_number():
     assert all(np.all(np.isfinite(targets)) for targets, _, _ in robot.commands)
 
 
+def test_a_bug_in_the_policy_is_raised_when_the_robot_lies():
+    robot = Faulty()
+    with pytest.raises(ZeroDivisionError):
+        flat.runner(robot, lambda obs: 1 / 0 if robot.broken else flat.still(obs)).run(1.0)
+    assert lies(robot) and robot.commands[-1][1] == 0.0
+
+
 def test_missed_deadlines():
     robot, reading = Faulty(), iter(range(10_000))
     clock = lambda: 0.05 * next(reading) if robot.broken else 0.0  # noqa: E731
