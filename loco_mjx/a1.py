@@ -6,8 +6,10 @@ Units are SI; angles in radians. Joints and actuators come as FR, FL, RR, RL, ea
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jp
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import jax
 
 LEGS: tuple[str, ...] = ("FR", "FL", "RR", "RL")
 PARTS: tuple[str, ...] = ("hip", "thigh", "calf")
@@ -59,5 +61,7 @@ def motor_torque(
     Returns:
         (12,) torques in N·m, within ±TORQUE_LIMIT.
     """
+    import jax.numpy as jp  # here, so that the constants above can be read without JAX
+
     torque = strength * (kp * (target - angle) - kd * velocity) - friction * velocity
     return jp.clip(torque, -TORQUE_LIMIT, TORQUE_LIMIT)

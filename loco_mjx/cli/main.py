@@ -20,6 +20,8 @@ VERBS: dict[str, str] = {
     "table": "write the paper's tables from the evaluations of a directory of runs",
     "curves": "draw training and evaluation curves over seeds from a directory of runs",
     "bench": "measure the speed of depth, physics, the environment or training",
+    "export": "write a policy as a folder that runs without JAX",
+    "deploy": "run an exported policy on a robot: C MuJoCo's or a real one",
     "scene": "write a generated scene as MJCF and as a picture",
 }
 USAGE_ERROR = 2

@@ -1,0 +1,139 @@
+"""`loco-mjx deploy`: runs an exported policy on a robot."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+
+from loco_mjx.cli.parse import check_seed, parse
+from loco_mjx.deploy.mujoco_robot import Imperfections, MujocoRobot
+from loco_mjx.deploy.record import Record
+from loco_mjx.deploy.safety import Limits
+from loco_mjx.errors import UserError
+
+PROG = "loco-mjx deploy"
+STOPPED = 1  # exit code of a run that ended before its time
+
+
+@dataclass(frozen=True)
+class Options:
+    """Runs an exported policy: stands up, runs, sits down. Ctrl-C, SIGTERM or Enter stop it."""
+
+    policy: tyro.conf.Positional[Path]
+    """Folder that `loco-mjx export` wrote."""
+    robot: Literal["mujoco"] = "mujoco"
+    """C MuJoCo's A1."""
+    task: str = "thin"
+    """Task whose scene it runs in; generating one needs JAX."""
+    scene: Path | None = None
+    """MJCF of a scene instead, as `loco-mjx scene --out` writes it; needs no JAX."""
+    seed: int = 0
+    """Which of the task's scenes, and the sensors' noise."""
+    seconds: float = 20.0
+    """To run the policy for."""
+    log: Path | None = None
+    """File for everything measured and commanded, .npz."""
+    imperfections: Imperfections = field(default_factory=Imperfections)
+    limits: Limits = field(default_factory=Limits)
+
+
+def main(args: Sequence[str]) -> int:
+    """Runs the command.
+
+    Raises:
+        UserError: before the robot is commanded, if anything is wrong.
+    """
+    options = parse(Options, args, PROG)
+    check_seed(options.seed)
+    if not 0 < options.seconds <= 3600:
+        raise UserError(f"seconds is {options.seconds}; accepted: more than 0, up to 3600")
+    if options.log is not None and (options.log.is_dir() or not options.log.parent.is_dir()):
+        raise UserError(f"'{options.log}' cannot be written; accepted: a file in a directory that exists")
+    from loco_mjx.deploy import folder
+    from loco_mjx.deploy.runner import Runner
+    from loco_mjx.deploy.session import Session
+
+    manifest = folder.read(options.policy)
+    session = Session(manifest, options.policy)
+    model, between = from_file(options.scene) if options.scene is not None else generated(options.task, options.seed)
+    robot = MujocoRobot(model, manifest.camera, options.imperfections, options.seed, between=between)
+    # Simulated time stands still while the policy thinks: what it needs of a processor counts, not who else uses it.
+    runner = Runner(manifest, session, robot, options.limits, clock=time.thread_time)
+    record = runner.run(options.seconds)
+    if options.log is not None:
+        record.save(options.log)
+    report(record)
+    return STOPPED if record.cause is not None else 0
+
+
+def from_file(path: Path) -> tuple[Any, None]:
+    """A scene's compiled model.
+
+    Raises:
+        UserError: if the file is missing or no MJCF.
+    """
+    import mujoco
+
+    if not path.is_file():
+        raise UserError(f"there is no scene '{path}'; `loco-mjx scene --out {path}` writes one")
+    try:
+        return mujoco.MjModel.from_xml_path(str(path)), None
+    except ValueError as error:
+        raise UserError(f"'{path}' is no MJCF: {error}") from error
+
+
+def generated(task: str, seed: int) -> tuple[Any, Callable[[Any, Any], None] | None]:
+    """A task's scene, and what moves its obstacles if they move.
+
+    Raises:
+        UnknownNameError: if there is no task of that name.
+    """
+    from loco_mjx.scene.tasks import get_task
+
+    chosen = get_task(task)
+    from loco_mjx.run import machine
+
+    machine.set_up()
+    import jax
+
+    from loco_mjx.scene.mjcf import scene_spec
+
+    scene_key, motion_key = jax.random.split(jax.random.PRNGKey(seed))
+    scene = jax.jit(chosen.generate)(scene_key)
+    return scene_spec(scene).compile(), mover(scene, motion_key) if chosen.moving else None
+
+
+def mover(scene: Any, key: Any) -> Callable[[Any, Any], None]:
+    """Moves a scene's obstacles as in training, one control step per call."""
+    import jax
+
+    from loco_mjx import a1
+    from loco_mjx.scene import mjcf, motion
+
+    @jax.jit
+    def moved(scene: Any, step: Any) -> Any:
+        return motion.move(motion.redraw(jax.random.fold_in(key, step), scene, step), a1.CONTROL_DT)
+
+    step = 0
+
+    def between(model: Any, data: Any) -> None:
+        nonlocal scene, step
+        scene, step = moved(scene, step), step + 1
+        mjcf.place_boxes(model, data, scene)
+
+    return between
+
+
+def report(record: Record) -> None:
+    """Prints how it went."""
+    for when, text in record.events:
+        print(f"{when:7.2f} s  {text}")
+    latency = ", ".join(f"{name} {value:.1f}" for name, value in record.latencies().items())
+    print(f"{len(record.rows)} ticks; latency in ms: {latency}; deadlines missed: {record.misses}")
+    if record.distance is not None:
+        print(f"distance from start to end: {record.distance:.2f} m")

@@ -1,0 +1,42 @@
+"""`loco-mjx export`: writes a run's policy as a folder that explains itself and runs without JAX."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from loco_mjx.cli.parse import parse
+
+PROG = "loco-mjx export"
+
+
+@dataclass(frozen=True)
+class Options:
+    """Writes the newest policy of a run: ONNX, its description, raw parameters, and StableHLO."""
+
+    directory: tyro.conf.Positional[Path]
+    """The run's directory."""
+    out: Path = Path("policy")
+    """Folder to write; made if it does not exist."""
+
+
+def main(args: Sequence[str]) -> int:
+    """Runs the command.
+
+    Raises:
+        UserError: if there is no usable run, or nowhere to write; nothing is written then.
+    """
+    options = parse(Options, args, PROG)
+    from loco_mjx.run import machine
+
+    machine.set_up()
+    from loco_mjx.deploy import export
+
+    manifest = export.export(options.directory, options.out)
+    training, inputs = manifest["training"], ", ".join(manifest["inputs"])
+    print(f"wrote {options.out}: {manifest['policy']} trained on {training['task']} ({training['samples']:,} samples)")
+    print(f"in: {inputs}; out: 12 joint targets, rad; next: loco-mjx deploy {options.out} --task {training['task']}")
+    return 0

@@ -1,0 +1,1 @@
+"""Running a policy outside of the simulator it was trained in; only `export.py` imports JAX."""

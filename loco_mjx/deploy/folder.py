@@ -1,0 +1,204 @@
+"""A policy folder: what its files are, and the checks it has to pass before anything is done with it.
+
+- ``policy.json``: everything a runner has to know (written by loco_mjx/deploy/export.py)
+- ``policy.onnx``: observation in, joint targets (rad) out
+- ``policy.npz``: the raw parameters and the normaliser
+- ``policy.stablehlo``: the same function by `jax.export`
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_mjx.errors import UserError
+
+FORMAT, VERSION = "loco-mjx policy", 1
+MANIFEST, ONNX, PARAMETERS, STABLEHLO = "policy.json", "policy.onnx", "policy.npz", "policy.stablehlo"
+STATE, DEPTH, TARGETS = "state", "depth", "targets"
+SECTIONS = ("policy", "files", "inputs", "outputs", "joints", "gains", "rates", "action", "hold", "versions")
+
+
+@dataclass(frozen=True)
+class Field:
+    """One sensor's part of `state`.
+
+    Attributes:
+        name: displacement, imu, last_action, angles or goal.
+        size: numbers per frame.
+        frames: how many frames, newest first.
+    """
+
+    name: str
+    size: int
+    frames: int
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The depth camera the policy was trained with; see DepthConfig. Angles in degrees, lengths in metres."""
+
+    height: int
+    width: int
+    vertical_fov: float
+    horizontal_fov: float
+    near: float
+    far: float
+    frames: int
+    offset: float  # ahead of the trunk's origin, along its x
+    code_offset: float  # code = (sqrt(ln(d + 1)) − code_offset) / code_scale
+    code_scale: float
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What ``policy.json`` says, checked.
+
+    Attributes:
+        policy: the policy's name.
+        fields: the parts of `state` in order; empty if it is not read.
+        camera: None if depth is not read.
+        joints: names in the order of every vector of 12.
+        default_pose: (12,) rad.
+        lower: (12,) rad.
+        upper: (12,) rad.
+        torque_limit: N·m.
+        kp: N·m/rad.
+        kd: N·m·s/rad.
+        policy_hz: ticks per second.
+        pd_hz: commands per second, a multiple of policy_hz.
+        hold: ticks for which the depth given is held.
+        raw: the whole file.
+    """
+
+    policy: str
+    fields: tuple[Field, ...]
+    camera: Camera | None
+    joints: tuple[str, ...]
+    default_pose: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    torque_limit: float
+    kp: float
+    kd: float
+    policy_hz: int
+    pd_hz: int
+    hold: int
+    raw: Mapping[str, Any]
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of the inputs that are read."""
+        return {name: tuple(part["shape"]) for name, part in self.raw["inputs"].items()}
+
+    def reads(self, name: str) -> bool:
+        """Whether `state` has a field of that name."""
+        return any(field.name == name for field in self.fields)
+
+
+def digest(path: Path) -> str:
+    """A file's SHA-256, hexadecimal."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def read(folder: Path) -> Manifest:
+    """The manifest of a policy folder, after checking that its files are there and the ones it speaks of.
+
+    Raises:
+        UserError: if anything is missing, damaged, of another version, or not what the manifest says.
+    """
+    raw = _load(folder)
+    if raw.get("format") != FORMAT:
+        raise UserError(f"{folder / MANIFEST} is not a policy of loco-mjx; give a folder that `loco-mjx export` wrote")
+    if raw.get("format_version") != VERSION:
+        raise UserError(
+            f"{folder / MANIFEST} is of format version {raw.get('format_version')}, this loco-mjx reads {VERSION}; "
+            "export the run again with this version"
+        )
+    missing = [name for name in SECTIONS if name not in raw]
+    if missing:
+        raise UserError(f"{folder / MANIFEST} has no '{missing[0]}'; export the run again")
+    try:
+        manifest = _manifest(raw)
+        recorded = str(raw["files"][ONNX]["sha256"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"{folder / MANIFEST} is damaged ({error}); export the run again") from error
+    _check_sizes(folder, manifest)
+    _check_onnx(folder, recorded)
+    return manifest
+
+
+def _load(folder: Path) -> dict[str, Any]:
+    if not folder.is_dir():
+        raise UserError(f"there is no policy folder {folder}; `loco-mjx export DIR --out {folder}` writes one")
+    path = folder / MANIFEST
+    if not path.is_file():
+        raise UserError(f"{folder} has no {MANIFEST}; give a folder that `loco-mjx export` wrote")
+    try:
+        raw = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path} cannot be read ({error}); export the run again") from error
+    if not isinstance(raw, dict):
+        raise UserError(f"{path} holds no policy; export the run again")
+    return raw
+
+
+def _manifest(raw: Mapping[str, Any]) -> Manifest:
+    inputs, joints, gains, rates = raw["inputs"], raw["joints"], raw["gains"], raw["rates"]
+    fields = inputs[STATE]["fields"] if STATE in inputs else []
+    camera = None
+    if DEPTH in inputs:
+        keys = Camera.__dataclass_fields__
+        camera = Camera(**{name: value for name, value in inputs[DEPTH]["camera"].items() if name in keys})
+    return Manifest(
+        policy=str(raw["policy"]),
+        fields=tuple(Field(str(part["name"]), int(part["size"]), int(part["frames"])) for part in fields),
+        camera=camera,
+        joints=tuple(joints["order"]),
+        default_pose=np.array(joints["default_pose"], np.float64),
+        lower=np.array(joints["lower"], np.float64),
+        upper=np.array(joints["upper"], np.float64),
+        torque_limit=float(joints["torque_limit"]),
+        kp=float(gains["kp"]),
+        kd=float(gains["kd"]),
+        policy_hz=int(rates["policy_hz"]),
+        pd_hz=int(rates["pd_hz"]),
+        hold=int(raw["hold"]),
+        raw=raw,
+    )
+
+
+def _check_sizes(folder: Path, manifest: Manifest) -> None:
+    """Everything in the manifest fits together."""
+    vectors = (manifest.default_pose, manifest.lower, manifest.upper, np.array(manifest.joints))
+    length = sum(field.size * field.frames for field in manifest.fields)
+    camera = manifest.camera
+    sound = {
+        "joints": all(vector.shape == (12,) for vector in vectors),
+        "joint limits": bool(np.all(manifest.lower < manifest.upper)),
+        "default pose": bool(
+            np.all((manifest.lower <= manifest.default_pose) & (manifest.default_pose <= manifest.upper))
+        ),
+        "state's fields": STATE not in manifest.shapes or manifest.shapes[STATE] == (length,),
+        "depth camera": camera is None or manifest.shapes[DEPTH] == (camera.height, camera.width, camera.frames),
+        "rates": manifest.policy_hz > 0 and manifest.pd_hz > 0 and manifest.pd_hz % manifest.policy_hz == 0,
+        "gains": 0 < manifest.kp < 1000 and 0 <= manifest.kd < 100 and manifest.torque_limit > 0,
+        "hold": manifest.hold > 0,
+    }
+    for name, good in sound.items():
+        if not good:
+            raise UserError(f"{folder / MANIFEST}: {name} do not fit together; export the run again")
+
+
+def _check_onnx(folder: Path, recorded: str) -> None:
+    path = folder / ONNX
+    if not path.is_file():
+        raise UserError(f"{folder} has no {ONNX}; export the run again")
+    if digest(path) != recorded:
+        raise UserError(f"{path} is not the file that {MANIFEST} describes; export the run again")

@@ -1,0 +1,188 @@
+"""An A1 in C MuJoCo: the full scene with its real geoms, and a depth camera by ray casting."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from loco_mjx import a1
+from loco_mjx.deploy.folder import Camera
+from loco_mjx.deploy.robot import Frame, RobotError, Sensors
+from loco_mjx.deploy.runner import SIT
+from loco_mjx.errors import UserError
+
+SEEN_GROUP, HIDDEN_GROUP = 2, 5  # geom groups: what the camera sees, and what has been collected
+COLLECT_RADIUS = 0.2  # m, in xy
+MEMORY = 0.2  # s of measurements and images kept, and so the longest latency
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """What real sensors do.
+
+    Attributes:
+        sensor_latency: s, of everything but the camera.
+        frame_latency: s, from exposure to delivery.
+        angle_noise: rad, standard deviation.
+        gyro_noise: rad/s, standard deviation.
+        blind_pixels: of each image that read far.
+        dropped: part of the images that never arrive.
+    """
+
+    sensor_latency: float = 0.0
+    frame_latency: float = 0.0
+    angle_noise: float = 0.0
+    gyro_noise: float = 0.0
+    blind_pixels: int = 0
+    dropped: float = 0.0
+
+
+class MujocoRobot:
+    """The robot protocol on a compiled scene; its clock is the simulation's."""
+
+    def __init__(
+        self,
+        model: Any,
+        camera: Camera | None,
+        imperfections: Imperfections | None = None,
+        seed: int = 0,
+        lying: bool = True,
+        between: Callable[[Any, Any], None] | None = None,
+    ) -> None:
+        """Puts the robot at the scene's keyframe.
+
+        Args:
+            model: mujoco.MjModel of a scene (loco_mjx/scene/mjcf.py), or of mjcf/a1.xml with a ground.
+            camera: of the policy; None renders nothing.
+            imperfections: of the sensors; None for none.
+            seed: of their noise.
+            lying: start on the belly instead of standing.
+            between: called with the model and its data every control step, to move what moves.
+
+        Raises:
+            UserError: if the model is no A1 or its rates are others.
+        """
+        import mujoco
+
+        self._mujoco, self.model, self.data = mujoco, model, mujoco.MjData(model)
+        if model.nq != 19 or model.nu != 12 or abs(model.opt.timestep - a1.PHYSICS_DT) > 1e-9 or model.nkey < 1:
+            raise UserError("the MJCF is no scene with an A1; `loco-mjx scene --out FILE.xml` writes one")
+        self.camera, self.faults = camera, imperfections or Imperfections()
+        if max(self.faults.sensor_latency, self.faults.frame_latency) > MEMORY:
+            raise UserError(f"latencies are longer than {MEMORY} s; accepted: 0 to {MEMORY}")
+        self._random, self._between, self._steps = np.random.default_rng(seed), between, 0
+        self._frames: deque[Frame] = deque(maxlen=round(MEMORY / a1.CONTROL_DT) + 2)
+        self._sensors: deque[Sensors] = deque(maxlen=round(MEMORY / a1.PHYSICS_DT) + 2)
+        self._rays = None if camera is None else _directions(camera)
+        self._place(lying)
+        self._sense()
+        self._expose(first=True)
+
+    # The protocol -----------------------------------------------------------------------------------------------------
+
+    def now(self) -> float:
+        """Simulated time, s."""
+        return self._steps * a1.PHYSICS_DT
+
+    def read(self) -> Sensors:
+        """The measurements of `sensor_latency` ago."""
+        return _newest(self._sensors, self.now() - self.faults.sensor_latency)
+
+    def depth(self) -> Frame:
+        """The newest image that has arrived."""
+        if not self._frames:
+            raise RobotError("there is no camera")
+        return _newest(self._frames, self.now() - self.faults.frame_latency)
+
+    def command(self, targets: np.ndarray, kp: float, kd: float) -> None:
+        """One physics step under the PD law."""
+        torque = kp * (targets - self.data.qpos[7:]) - kd * self.data.qvel[6:]
+        self.data.ctrl[:] = np.clip(torque, -a1.TORQUE_LIMIT, a1.TORQUE_LIMIT)
+        self._mujoco.mj_step(self.model, self.data)
+        self._steps += 1
+        self._sense()
+        if self._steps % a1.SUBSTEPS == 0:
+            self._collect()
+            if self._between is not None:
+                self._between(self.model, self.data)
+            self._expose()
+
+    # Details ----------------------------------------------------------------------------------------------------------
+
+    def _place(self, lying: bool) -> None:
+        self._mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
+        if lying:
+            thigh, calf = SIT[1], SIT[2]
+            height = a1.LINK_LENGTH * (math.cos(thigh) + math.cos(thigh + calf)) + a1.FOOT_RADIUS
+            self.data.qpos[2] += height - a1.STAND_HEIGHT
+            self.data.qpos[7:] = SIT
+        self._mujoco.mj_forward(self.model, self.data)
+
+    def _sense(self) -> None:
+        noise, faults = self._random.normal, self.faults
+        angles, gyro = self.data.qpos[7:].copy(), self.data.qvel[3:6].copy()
+        # noise = N(0, σ)
+        angles += noise(0.0, faults.angle_noise, 12) if faults.angle_noise else 0.0
+        gyro += noise(0.0, faults.gyro_noise, 3) if faults.gyro_noise else 0.0
+        quat, position = self.data.qpos[3:7].copy(), self.data.qpos[:3].copy()
+        self._sensors.append(Sensors(self.now(), angles, self.data.qvel[6:].copy(), quat, gyro, position))
+
+    def _expose(self, first: bool = False) -> None:
+        if self.camera is None or (not first and self._random.uniform() < self.faults.dropped):
+            return
+        image = self._render()
+        if self.faults.blind_pixels:
+            pixels = self._random.integers(0, image.size, self.faults.blind_pixels)  # +U{0..size − 1}
+            image.ravel()[pixels] = self.camera.far
+        self._frames.append(Frame(self.now(), image))
+
+    def _render(self) -> np.ndarray:
+        """(height, width) planar depth, m, of what is not the robot."""
+        mujoco, camera = self._mujoco, self.camera
+        assert camera is not None and self._rays is not None
+        mujoco.mj_kinematics(self.model, self.data)  # after a step positions are still those before it
+        trunk = self.data.body("trunk")
+        rotation = trunk.xmat.reshape(3, 3)
+        rays = self._rays @ rotation.T
+        length = np.linalg.norm(rays, axis=1)
+        groups = np.zeros(mujoco.mjNGROUP, np.uint8)
+        groups[SEEN_GROUP] = 1
+        hit, distance = np.full(len(rays), -1, np.int32), np.zeros(len(rays))
+        origin = trunk.xpos + camera.offset * rotation[:, 0]
+        unit, cutoff = (rays / length[:, None]).ravel(), camera.far * float(length.max())
+        mujoco.mj_multiRay(
+            self.model, self.data, origin, unit, groups, True, -1, hit, distance, None, len(rays), cutoff
+        )
+        depth = np.where(hit >= 0, distance / length, camera.far)
+        return np.clip(depth, camera.near, camera.far).reshape(camera.height, camera.width)
+
+    def _collect(self) -> None:
+        """Spheres that the robot has reached are seen no more."""
+        for geom in range(self.model.ngeom):
+            if self.model.geom_group[geom] == SEEN_GROUP and self.model.geom(geom).name.startswith("sphere_"):
+                away = self.data.geom_xpos[geom, :2] - self.data.qpos[:2]
+                if np.hypot(*away) < COLLECT_RADIUS:
+                    self.model.geom_group[geom] = HIDDEN_GROUP
+
+
+def _newest(kept: deque[Any], latest: float) -> Any:
+    """The newest of what was measured no later than a time; the oldest there is before that."""
+    for item in reversed(kept):
+        if item.time <= latest + 1e-9:
+            return item
+    return kept[0]
+
+
+def _directions(camera: Camera) -> np.ndarray:
+    """(height · width, 3) rays, forward component 1, then left and up; pixel centres even in the image plane."""
+    half_width = math.tan(math.radians(camera.horizontal_fov) / 2)
+    half_height = math.tan(math.radians(camera.vertical_fov) / 2)
+    left = half_width * (1 - (2 * np.arange(camera.width) + 1) / camera.width)
+    up = half_height * (1 - (2 * np.arange(camera.height) + 1) / camera.height)
+    up, left = np.meshgrid(up, left, indexing="ij")
+    return np.stack([np.ones(up.size), left.ravel(), up.ravel()], axis=-1)

@@ -1,0 +1,99 @@
+"""The policy's observation from what the robot measures: the histories of training, newest first, in NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from loco_mjx.deploy.folder import DEPTH, STATE, Camera, Manifest
+from loco_mjx.deploy.robot import Frame, Sensors
+from loco_mjx.errors import UserError
+
+KNOWN = ("displacement", "imu", "last_action", "angles")
+
+
+def up(quat: np.ndarray) -> float:
+    """The z of the trunk's up axis: 1 upright, 0 on its side."""
+    _, x, y, _ = quat / np.linalg.norm(quat)
+    return float(1 - 2 * (x * x + y * y))
+
+
+def roll_pitch(quat: np.ndarray) -> np.ndarray:
+    """(2,) roll and pitch, rad, of (w, x, y, z)."""
+    w, x, y, z = quat / np.linalg.norm(quat)
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    return np.array([roll, np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))])
+
+
+def encode(depth: np.ndarray, camera: Camera) -> np.ndarray:
+    """Depth in metres to the policy's input."""
+    clipped = np.clip(depth, camera.near, camera.far)
+    return ((np.sqrt(np.log1p(clipped)) - camera.code_offset) / camera.code_scale).astype(np.float32)
+
+
+class Observer:
+    """Keeps the histories of one run. At its start they hold copies of the first measurement, as after a reset."""
+
+    def __init__(self, manifest: Manifest) -> None:
+        """Prepares empty histories.
+
+        Raises:
+            UserError: if the policy reads something that no robot here measures.
+        """
+        unknown = [field.name for field in manifest.fields if field.name not in KNOWN]
+        if unknown:
+            raise UserError(f"the policy reads '{unknown[0]}', which no robot measures; accepted: {', '.join(KNOWN)}")
+        self._manifest = manifest
+        self._history: dict[str, np.ndarray] = {}
+        self._stack: np.ndarray | None = None
+        self._held: np.ndarray | None = None
+        self._position: np.ndarray | None = None
+        self._ticks = 0
+
+    def observe(self, sensors: Sensors, frame: Frame | None, targets: np.ndarray) -> dict[str, np.ndarray]:
+        """The observation of the next tick.
+
+        Args:
+            sensors: measured now.
+            frame: the newest image; None if the policy reads none.
+            targets: (12,) the last tick's joint targets, rad; the default pose before the first.
+
+        Returns:
+            `state` (n,) and `depth` (height, width, frames), whichever the policy reads; float32.
+        """
+        obs = {}
+        if self._manifest.fields:
+            self._push(self._measured(sensors, targets))
+            parts = [self._history[field.name].ravel() for field in self._manifest.fields]
+            obs[STATE] = np.concatenate(parts).astype(np.float32)
+        if frame is not None:
+            obs[DEPTH] = self._seen(frame)
+        self._ticks += 1
+        return obs
+
+    def _measured(self, sensors: Sensors, targets: np.ndarray) -> dict[str, np.ndarray]:
+        now = {
+            "imu": np.concatenate([roll_pitch(sensors.quat), sensors.gyro[:2]]),
+            "last_action": targets - self._manifest.default_pose,
+            "angles": sensors.angles,
+        }
+        if self._manifest.reads("displacement") and sensors.position is not None:
+            before = sensors.position if self._position is None else self._position
+            now["displacement"] = sensors.position - before
+            self._position = sensors.position
+        return now
+
+    def _push(self, now: dict[str, np.ndarray]) -> None:
+        for field in self._manifest.fields:
+            past = self._history.get(field.name, np.tile(now[field.name], (field.frames, 1)))
+            self._history[field.name] = np.concatenate([now[field.name][None], past[:-1]])
+
+    def _seen(self, frame: Frame) -> np.ndarray:
+        """The stack with the newest image in front; held for as many ticks as in training."""
+        camera = self._manifest.camera
+        assert camera is not None
+        newest = encode(frame.depth, camera)[..., None]
+        past = np.repeat(newest, camera.frames, axis=-1) if self._stack is None else self._stack
+        self._stack = np.concatenate([newest, past[..., :-1]], axis=-1)
+        if self._held is None or self._ticks % self._manifest.hold == 0:
+            self._held = self._stack
+        return self._held

@@ -1,0 +1,208 @@
+"""The control loop: checks, stand up, run the policy at its rate over PD commands at theirs, sit down."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from loco_mjx.deploy.folder import Manifest
+from loco_mjx.deploy.observer import Observer, up
+from loco_mjx.deploy.record import Record
+from loco_mjx.deploy.robot import Frame, Robot, RobotError, Sensors
+from loco_mjx.deploy.safety import Cause, EmergencyStop, Guard, Limits, Stop
+from loco_mjx.errors import UserError
+
+Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
+SIT = np.tile([0.0, 1.35, -2.6], 4)  # rad, lying on the belly with folded legs
+MOVE_GAINS = (80.0, 1.0)  # N·m/rad, N·m·s/rad, for standing up and sitting down
+STAND, HOLD, SIT_DOWN = 2.0, 0.4, 2.0  # s
+DAMPED_GAINS = (15.0, 2.5)  # the first fades to 0 while the robot sinks
+DAMPED, LIMP = 1.6, 0.4  # s
+
+
+class Runner:
+    """Runs one policy on one robot."""
+
+    def __init__(
+        self,
+        manifest: Manifest,
+        policy: Policy,
+        robot: Robot,
+        limits: Limits | None = None,
+        estop: EmergencyStop | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """Prepares a run; the robot is not touched.
+
+        Args:
+            manifest: of the policy's folder, checked.
+            policy: from an observation to (12,) joint targets, rad.
+            robot: to run it on.
+            limits: when to stop.
+            estop: whoever may press it.
+            clock: for the ticks' latency, s.
+        """
+        self.manifest, self.policy, self.robot = manifest, policy, robot
+        self.guard = Guard(manifest, limits or Limits())
+        self.estop = estop or EmergencyStop()
+        self.record = Record()
+        self._clock = clock
+        self._observer = Observer(manifest)
+        self._commanded: np.ndarray | None = None
+
+    def check(self) -> None:
+        """Everything that can be known before the first command.
+
+        Raises:
+            UserError: if the robot does not answer, lacks what the policy reads, or stands in a way it should not.
+        """
+        try:
+            sensors = self.robot.read()
+            frame = self.robot.depth() if self.manifest.camera is not None else None
+            self.guard.sensors(sensors, self.robot.now())
+            if frame is not None:
+                self.guard.frame(frame, self.robot.now())
+        except (RobotError, Stop) as error:
+            raise UserError(f"the robot is not ready ({error}); it was not commanded") from error
+        if self.manifest.reads("displacement") and sensors.position is None:
+            raise UserError(
+                "the policy reads the base's displacement, which this robot does not measure; "
+                "train one with --env.observation.displacement False"
+            )
+        self._check_frame(frame)
+        self._check_policy(sensors, frame)
+
+    def _check_frame(self, frame: Frame | None) -> None:
+        camera = self.manifest.camera
+        if frame is not None and camera is not None and frame.depth.shape != (camera.height, camera.width):
+            raise UserError(
+                f"the camera gives {frame.depth.shape} images, the policy reads {camera.height, camera.width}"
+            )
+
+    def _check_policy(self, sensors: Sensors, frame: Frame | None) -> None:
+        """One tick that is thrown away; it also warms up the runtime."""
+        targets = self.policy(Observer(self.manifest).observe(sensors, frame, self.manifest.default_pose))
+        if targets.shape != (12,) or not np.all(np.isfinite(targets)):
+            raise UserError("the policy's output is not 12 numbers; export the run again")
+
+    def run(self, seconds: float) -> Record:
+        """Stands up, runs the policy, sits down.
+
+        Args:
+            seconds: to run the policy for.
+
+        Raises:
+            UserError: from :meth:`check`, before any command.
+        """
+        self.check()
+        with self.estop.listening():
+            try:
+                self._move(self.manifest.default_pose, STAND, HOLD)
+                self._event("running")
+                self._run_policy(seconds)
+                self._event("sitting down")
+                self._move(SIT, SIT_DOWN, 0.0)
+            except Stop as stop:
+                self.record.cause, self.record.detail = str(stop.cause), stop.detail
+                self._event(str(stop))
+                self._sink()
+            except RobotError as error:
+                self.record.cause, self.record.detail = str(Cause.ROBOT), str(error)
+                self._event(f"{Cause.ROBOT}: {error}")
+                self._sink()
+            except BaseException:  # a bug, here or in the runtime: the robot does not pay for it
+                self._sink()
+                raise
+        self.record.misses, self.record.clamped = self.guard.misses, self.guard.clamped
+        self._event("done")
+        return self.record
+
+    def _run_policy(self, seconds: float) -> None:
+        period = 1 / self.manifest.policy_hz
+        targets, due, start = self.manifest.default_pose, self.robot.now(), None
+        for _ in range(round(seconds * self.manifest.policy_hz)):
+            sensors, targets = self._tick(targets, period)
+            start = sensors.position if start is None else start
+            due = max(due + period, self.robot.now())
+            self._hold(targets, due)
+        end = self.robot.read().position
+        if start is not None and end is not None:
+            self.record.distance = float(np.linalg.norm(end - start))
+
+    def _tick(self, before: np.ndarray, period: float) -> tuple[Sensors, np.ndarray]:
+        """Measures and decides: the policy's targets as they came, not clamped, for they are its next input."""
+        begin = self._clock()
+        sensors = self._measure()
+        frame = None
+        if self.manifest.camera is not None:
+            frame = self.robot.depth()
+            self.guard.frame(frame, self.robot.now())
+        obs = self._observer.observe(sensors, frame, before)
+        targets = np.asarray(self.policy(obs), np.float64)
+        latency = self._clock() - begin
+        self._keep(sensors, frame, obs, targets, latency)
+        self.guard.action(targets)
+        self.guard.deadline(latency, period)
+        return sensors, targets
+
+    def _keep(
+        self, sensors: Sensors, frame: Frame | None, obs: dict[str, np.ndarray], targets: np.ndarray, latency: float
+    ) -> None:
+        row = {"time": sensors.time, "latency": latency, "targets": targets, "up": up(sensors.quat)}
+        row |= {"angles": sensors.angles, "velocities": sensors.velocities, "quat": sensors.quat, "gyro": sensors.gyro}
+        if sensors.position is not None:
+            row["position"] = sensors.position
+        if frame is not None:
+            row |= {"frame_time": frame.time, "depth": frame.depth.astype(np.float16)}
+        if "state" in obs:
+            row["state"] = obs["state"]
+        self.record.rows.append(row)
+        if "position" in row:  # so that a run that is stopped has a distance, too
+            self.record.distance = float(np.linalg.norm(row["position"] - self.record.rows[0]["position"]))
+
+    def _hold(self, targets: np.ndarray, until: float) -> None:
+        """PD commands to the same targets, clamped anew each time, until the next tick."""
+        while True:
+            self._command(targets, self.manifest.kp, self.manifest.kd)
+            if self.robot.now() > until - 0.5 / self.manifest.pd_hz:
+                return
+
+    def _move(self, to: np.ndarray, seconds: float, hold: float) -> None:
+        """Goes to a pose in a straight line, and stays there."""
+        steps = round(seconds * self.manifest.pd_hz)
+        start = self._measure().angles
+        for step in range(1, steps + round(hold * self.manifest.pd_hz) + 1):
+            part = min(step / steps, 1.0)
+            self._command((1 - part) * start + part * to, *MOVE_GAINS)
+
+    def _command(self, targets: np.ndarray, kp: float, kd: float) -> None:
+        safe = self.guard.clamp(targets, self._measure(), kp, kd)
+        self._commanded = safe
+        self.robot.command(safe, kp, kd)
+
+    def _measure(self) -> Sensors:
+        self.estop.poll()
+        sensors = self.robot.read()
+        self.guard.sensors(sensors, self.robot.now())
+        return sensors
+
+    def _sink(self) -> None:
+        """The damped sit-down, without looking at the sensors, which may be what has failed.
+
+        The legs are drawn in ever more softly, then only damped. Nothing is done to a robot that was not yet commanded.
+        """
+        if self._commanded is None:
+            return
+        start, (kp, kd) = self._commanded, DAMPED_GAINS
+        steps, limp = (round(seconds * self.manifest.pd_hz) for seconds in (DAMPED, LIMP))
+        for step in range(1, steps + limp + 1):
+            part = min(step / steps, 1.0)
+            try:
+                self.robot.command((1 - part) * start + part * SIT, kp * (1 - part), kd)
+            except RobotError:
+                continue  # it may answer the next one
+
+    def _event(self, text: str) -> None:
+        self.record.events.append((self.robot.now(), text))

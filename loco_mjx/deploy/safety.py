@@ -1,0 +1,163 @@
+"""What keeps the robot and those beside it whole: clamps on every command, and reasons to sit down."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import signal
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from types import FrameType
+
+import numpy as np
+
+from loco_mjx.deploy.folder import Manifest
+from loco_mjx.deploy.observer import up
+from loco_mjx.deploy.robot import Frame, Sensors
+
+
+class Cause(StrEnum):
+    """Why a run ended before its time."""
+
+    JOINT_LIMIT = "joint limit"
+    TORQUE = "torque limit"
+    TILT = "tilt"
+    STALE_SENSORS = "stale sensors"
+    STALE_CAMERA = "stale camera"
+    NONFINITE_SENSORS = "non-finite sensors"
+    NONFINITE_ACTION = "non-finite action"
+    DEADLINE = "missed deadlines"
+    ESTOP = "emergency stop"
+    ROBOT = "robot does not answer"
+
+
+class Stop(Exception):  # noqa: N818 - it is no error
+    """Raised to end a run."""
+
+    def __init__(self, cause: Cause, detail: str) -> None:
+        super().__init__(f"{cause}: {detail}")
+        self.cause, self.detail = cause, detail
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When a run ends.
+
+    Attributes:
+        min_up: z of the trunk's up axis; training ends an episode at 0.6.
+        joint_margin: rad beyond a joint's limit at which it counts as broken.
+        saturated: s for which a joint may ask for more than its torque limit without a break.
+        sensor_age: s.
+        frame_age: s; a camera at 25 Hz or more may lose a few frames.
+        missed: deadlines in a row.
+    """
+
+    min_up: float = 0.5
+    joint_margin: float = 0.1
+    saturated: float = 0.5
+    sensor_age: float = 0.05
+    frame_age: float = 0.25
+    missed: int = 5
+
+
+class EmergencyStop:
+    """Set by a signal (Ctrl-C, SIGTERM, SIGUSR1) or by Enter on a terminal; once set it stays."""
+
+    def __init__(self) -> None:
+        self.by: str | None = None
+
+    def press(self, by: str) -> None:
+        """Sets it."""
+        self.by = self.by or by
+
+    def _signalled(self, number: int, frame: FrameType | None) -> None:
+        self.press(signal.Signals(number).name)
+
+    @contextlib.contextmanager
+    def listening(self) -> Iterator[None]:
+        """Listens to signals; outside of the main thread Python does not allow it and only the key is left."""
+        before: dict[int, object] = {}
+        with contextlib.suppress(ValueError):
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+                before[number] = signal.signal(number, self._signalled)
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)  # type: ignore[arg-type]
+
+    def poll(self) -> None:
+        """Looks whether Enter was pressed.
+
+        Raises:
+            Stop: if it is set.
+        """
+        with contextlib.suppress(OSError, ValueError):
+            if sys.stdin is not None and sys.stdin.isatty() and select.select([sys.stdin], [], [], 0)[0]:
+                sys.stdin.readline()
+                self.press("Enter")
+        if self.by is not None:
+            raise Stop(Cause.ESTOP, self.by)
+
+
+class Guard:
+    """Checks what is measured and clamps what is commanded; its methods raise Stop."""
+
+    def __init__(self, manifest: Manifest, limits: Limits) -> None:
+        self.limits = limits
+        self._manifest = manifest
+        self._saturated = np.zeros(12)  # s
+        self._missed = 0
+        self.misses = 0
+        self.clamped = 0  # commands that were changed
+
+    def sensors(self, sensors: Sensors, now: float) -> None:
+        """Refuses measurements that are old, not finite, or of a robot that falls or is bent beyond its limits."""
+        values = np.concatenate([sensors.angles, sensors.velocities, sensors.quat, sensors.gyro])
+        if not np.all(np.isfinite(values)) or np.linalg.norm(sensors.quat) < 1e-6:
+            raise Stop(Cause.NONFINITE_SENSORS, "a measurement is not a number")
+        age = now - sensors.time
+        if age > self.limits.sensor_age:
+            raise Stop(Cause.STALE_SENSORS, f"{1000 * age:.0f} ms old")
+        if up(sensors.quat) < self.limits.min_up:
+            raise Stop(Cause.TILT, f"{np.degrees(np.arccos(np.clip(up(sensors.quat), -1, 1))):.0f}° from upright")
+        beyond = np.maximum(self._manifest.lower - sensors.angles, sensors.angles - self._manifest.upper)
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > self.limits.joint_margin:
+            raise Stop(Cause.JOINT_LIMIT, f"{self._manifest.joints[worst]} at {sensors.angles[worst]:.2f} rad")
+
+    def frame(self, frame: Frame, now: float) -> None:
+        """Refuses an old image."""
+        age = now - frame.time
+        if age > self.limits.frame_age:
+            raise Stop(Cause.STALE_CAMERA, f"{1000 * age:.0f} ms old")
+
+    def action(self, targets: np.ndarray) -> None:
+        """Refuses what is not a number."""
+        if not np.all(np.isfinite(targets)):
+            raise Stop(Cause.NONFINITE_ACTION, "the policy's output is not a number")
+
+    def deadline(self, latency: float, period: float) -> None:
+        """Counts missed deadlines."""
+        late = latency > period
+        self.misses += late
+        self._missed = self._missed + 1 if late else 0
+        if self._missed >= self.limits.missed:
+            raise Stop(Cause.DEADLINE, f"{self._missed} in a row, the last by {1000 * (latency - period):.0f} ms")
+
+    def clamp(self, targets: np.ndarray, sensors: Sensors, kp: float, kd: float) -> np.ndarray:
+        """(12,) targets within the joints' limits, and such that the PD law asks for no more than the torque limit."""
+        m = self._manifest
+        within = np.clip(targets, m.lower, m.upper)
+        torque = kp * (within - sensors.angles) - kd * sensors.velocities
+        over = np.abs(torque) > m.torque_limit
+        self._saturated = np.where(over, self._saturated + 1 / m.pd_hz, 0.0)
+        worst = int(np.argmax(self._saturated))
+        if self._saturated[worst] > self.limits.saturated:
+            raise Stop(Cause.TORQUE, f"{m.joints[worst]} asks for {torque[worst]:.0f} N·m")
+        allowed = np.clip(torque, -m.torque_limit, m.torque_limit)
+        safe = np.where(over, sensors.angles + (allowed + kd * sensors.velocities) / kp, within)
+        self.clamped += int(np.any(safe != targets))
+        return safe

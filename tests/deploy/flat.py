@@ -1,0 +1,108 @@
+"""A flat scene and a policy folder made without JAX, and a policy that stands still."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from loco_mjx import a1
+from loco_mjx.deploy import folder
+from loco_mjx.deploy.mujoco_robot import MujocoRobot
+from loco_mjx.deploy.runner import Runner
+
+A1 = Path(__file__).parents[2] / "mjcf" / "a1.xml"
+CAMERA = {
+    "height": 8,
+    "width": 8,
+    "vertical_fov": 60.0,
+    "horizontal_fov": 85.46,
+    "near": 0.3,
+    "far": 10.0,
+    "frames": 4,
+    "offset": a1.CAMERA_OFFSET,
+    "code_offset": 1.25,
+    "code_scale": 0.425,
+}
+SENSORS = (("displacement", 3), ("imu", 4), ("last_action", 12), ("angles", 12))
+
+
+def raw(hold: int = 1) -> dict:
+    """A manifest."""
+    fields = [{"name": name, "size": size, "frames": 3} for name, size in SENSORS]
+    joints = {"order": a1.JOINTS, "default_pose": a1.DEFAULT_POSE, "torque_limit": a1.TORQUE_LIMIT}
+    return {
+        "format": folder.FORMAT,
+        "format_version": folder.VERSION,
+        "policy": "made up",
+        "inputs": {"state": {"shape": [93], "fields": fields}, "depth": {"shape": [8, 8, 4], "camera": CAMERA}},
+        "outputs": {},
+        "joints": joints | {"lower": a1.JOINT_LOWER, "upper": a1.JOINT_UPPER},
+        "gains": {"kp": 40.0, "kd": 0.6},
+        "rates": {"policy_hz": 25, "pd_hz": 400},
+        "action": {},
+        "hold": hold,
+        "versions": {},
+        "files": {},
+    }
+
+
+def write(path: Path, changes: dict | None = None) -> Path:
+    """A policy folder whose ONNX file adds nothing to the default pose, whatever it sees."""
+    from onnx import TensorProto, helper, numpy_helper
+
+    pose = numpy_helper.from_array(np.array(a1.DEFAULT_POSE, np.float32), "pose")
+    inputs = [
+        helper.make_tensor_value_info("state", TensorProto.FLOAT, (93,)),
+        helper.make_tensor_value_info("depth", TensorProto.FLOAT, (8, 8, 4)),
+    ]
+    output = helper.make_tensor_value_info("targets", TensorProto.FLOAT, (12,))
+    node = helper.make_node("Identity", ["pose"], ["targets"])
+    graph = helper.make_graph([node], "still", inputs, [output], [pose])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
+    model.ir_version = 8
+    (path / folder.ONNX).write_bytes(model.SerializeToString())
+    content = raw() | {"files": {folder.ONNX: {"sha256": folder.digest(path / folder.ONNX)}}} | (changes or {})
+    (path / folder.MANIFEST).write_text(json.dumps(content))
+    return path
+
+
+def manifest(hold: int = 1) -> folder.Manifest:
+    """The same, as it is read."""
+    return folder._manifest(json.loads(json.dumps(raw(hold))))
+
+
+@cache
+def _xml() -> str:
+    spec = mujoco.MjSpec.from_file(str(A1))
+    seen = {"contype": 2, "conaffinity": 1, "group": 2}
+    spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], **seen)
+    box = mujoco.mjtGeom.mjGEOM_BOX
+    spec.worldbody.add_geom(name="obstacle_0", type=box, size=[0.5, 5, 1], pos=[3.5, 0, 1], **seen)
+    sphere = mujoco.mjtGeom.mjGEOM_SPHERE
+    hidden = {"contype": 0, "conaffinity": 0, "group": 2}
+    spec.worldbody.add_geom(name="sphere_0", type=sphere, size=[0.1, 0, 0], pos=[0.1, 0, 1.5], **hidden)
+    spec.compile()
+    return spec.to_xml()
+
+
+def model() -> mujoco.MjModel:
+    """The A1 on a plane, a wall 3 m ahead of the origin, a sphere to collect above it."""
+    return mujoco.MjModel.from_xml_string(_xml())
+
+
+def still(obs: dict[str, np.ndarray]) -> np.ndarray:
+    """The policy that stands."""
+    return np.array(a1.DEFAULT_POSE)
+
+
+def clock():
+    """No time passes for the policy, however busy the machine."""
+    return 0.0
+
+
+def runner(robot: MujocoRobot, policy=still, **more) -> Runner:
+    return Runner(manifest(), policy, robot, **({"clock": clock} | more))

@@ -1,0 +1,89 @@
+"""The exported function is the trained policy, for every policy; the folder says what it holds."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from loco_mjx import a1
+from loco_mjx.deploy import export, folder
+from loco_mjx.deploy.session import Session
+from loco_mjx.errors import UserError
+from loco_mjx.networks.policies import POLICIES
+from tests.deploy import made
+
+COUNT, BATCH = 1000, 50
+CASES = [(name, False, {}) for name in POLICIES] + [("loco-transformer", True, {"tokens_per_side": 2, "layers": 1})]
+
+
+@pytest.fixture(scope="module")
+def views():
+    return made.observations(COUNT)
+
+
+@pytest.mark.parametrize(("name", "diagonal", "network"), CASES)
+def test_parity(name, diagonal, network, views, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(export, "stablehlo", lambda policy: b"")  # it takes a while and has a test of its own
+    policy = made.policy(name, diagonal, **network)
+    names = list(export.inputs(policy))
+    in_jax = jax.jit(export.target_function(policy))
+    batches = [[views[n][i : i + BATCH] for n in names] for i in range(0, COUNT, BATCH)]
+    expected = np.concatenate([np.asarray(in_jax(*batch)) for batch in batches])
+    export.write(policy, tmp_path)
+    session = Session(folder.read(tmp_path), tmp_path)
+    got = np.array([session({n: views[n][i] for n in names}) for i in range(COUNT)])
+    # The test would say nothing of a policy that is all but constant: here 1e-4 rad is less than 1/100 of its range.
+    assert np.all(np.ptp(expected, axis=0) > 0.1 * np.tile(policy.config.env.action.scale, 4))
+    worst = np.max(np.abs(got - expected))
+    with capsys.disabled():
+        print(f"\n{name}{' diagonal' * diagonal}: {worst:.1e} rad")
+    assert worst < 1e-4
+
+
+def test_stablehlo_is_the_same_function(views, tmp_path):
+    policy = made.policy("state-only")
+    export.write(policy, tmp_path)
+    called = jax.export.deserialize((tmp_path / folder.STABLEHLO).read_bytes()).call(views["state"][0])
+    np.testing.assert_allclose(called, export.target_function(policy)(views["state"][0]), atol=1e-5)
+
+
+def test_diagonal_legs_move_together(views):
+    policy = made.policy("state-only", diagonal=True)
+    targets = np.asarray(export.target_function(policy)(views["state"][0])) - np.array(a1.DEFAULT_POSE)
+    front_right, front_left, rear_right, rear_left = targets.reshape(4, 3)
+    np.testing.assert_array_equal(front_right, rear_left)
+    np.testing.assert_array_equal(front_left, rear_right)
+    assert np.abs(front_right - front_left).max() > 1e-3
+
+
+def test_manifest_describes_the_observation(tmp_path):
+    export.write(made.policy("hrl"), tmp_path)
+    raw = json.loads((tmp_path / folder.MANIFEST).read_text())
+    fields = raw["inputs"]["state"]["fields"]
+    assert [(f["name"], f["offset"], f["size"], f["frames"]) for f in fields] == [
+        ("displacement", 0, 3, 3),
+        ("imu", 9, 4, 3),
+        ("last_action", 21, 12, 3),
+        ("angles", 57, 12, 3),
+    ]
+    assert raw["hold"] == 4 and raw["rates"] == {"policy_hz": 25, "pd_hz": 400}
+    assert (raw["training"]["task"], raw["training"]["samples"]) == ("thin", 1234)
+    camera = folder.read(tmp_path).camera
+    assert (camera.vertical_fov, camera.horizontal_fov, camera.far, camera.offset) == (60.0, 85.46, 10.0, 0.2309)
+
+
+def test_raw_parameters_are_all_there(tmp_path):
+    policy = made.policy("state-only")
+    export.write(policy, tmp_path)
+    kept = np.load(tmp_path / folder.PARAMETERS)
+    layer = policy.params["params"]["policy_head"]["mean"]["output"]["kernel"]
+    np.testing.assert_array_equal(kept["policy_head/mean/output/kernel"], layer)
+    np.testing.assert_allclose(kept["normalizer/mean"], policy.normalizer.mean)
+    assert len(kept.files) == len(jax.tree.leaves(policy.params)) + 2
+
+
+def test_a_folder_with_something_else_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("")
+    with pytest.raises(UserError, match=r"thesis\.tex"):
+        export.export(tmp_path / "run", tmp_path)

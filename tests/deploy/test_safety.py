@@ -1,0 +1,190 @@
+"""Every fault ends the run with its cause and with the robot lying down, softly; no command before every check."""
+
+import os
+import signal
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loco_mjx import a1
+from loco_mjx.deploy.mujoco_robot import Imperfections, MujocoRobot
+from loco_mjx.deploy.robot import RobotError
+from loco_mjx.deploy.safety import Cause, EmergencyStop, Guard, Limits, Stop
+from loco_mjx.errors import UserError
+from tests.deploy import flat
+
+RUNNING = 2.4  # s: standing up is over
+FAULT = RUNNING + 0.4
+
+
+class Faulty(MujocoRobot):
+    """What it measures or does is changed from FAULT on; it also counts and keeps its commands."""
+
+    def __init__(self, sensors=None, frame=None, before=None, **more):
+        self.changes, self.commands = (sensors, frame, before), []
+        super().__init__(flat.model(), flat.manifest().camera, **more)
+
+    @property
+    def broken(self):
+        return self.now() > FAULT
+
+    def read(self):
+        value = super().read()
+        return self.changes[0](value) if self.changes[0] and self.broken else value
+
+    def depth(self):
+        value = super().depth()
+        return self.changes[1](value) if self.changes[1] and self.broken else value
+
+    def command(self, targets, kp, kd):
+        if self.changes[2] and self.broken:
+            self.changes[2](self)
+        self.commands.append((targets, kp, kd))
+        super().command(targets, kp, kd)
+
+
+def lies(robot):
+    return robot.data.qpos[2] < 0.5 * a1.STAND_HEIGHT and np.abs(robot.data.qvel[6:]).max() < 1.0
+
+
+def stopped(robot, cause, **more):
+    record = flat.runner(robot, **more).run(1.0)
+    assert record.cause == cause
+    assert record.events[-2][1].startswith(cause)
+    assert robot.commands[-1][1] == 0.0  # limp in the end, damped all along
+    after = [kd for _, _, kd in robot.commands[-100:]]
+    assert min(after) >= 2.0
+    assert 2 <= len(record.rows) < 25
+    return record
+
+
+def silent(sensors):
+    raise RobotError("no answer")
+
+
+SENSOR_FAULTS = {
+    Cause.STALE_SENSORS: lambda s: replace(s, time=FAULT - 1.0),
+    Cause.NONFINITE_SENSORS: lambda s: replace(s, gyro=np.array([0.0, np.nan, 0.0])),
+    Cause.TILT: lambda s: replace(s, quat=np.array([np.cos(0.6), np.sin(0.6), 0.0, 0.0])),
+    Cause.JOINT_LIMIT: lambda s: replace(s, angles=s.angles + np.eye(12)[0]),
+    Cause.ROBOT: silent,
+}
+
+
+@pytest.mark.parametrize("cause", SENSOR_FAULTS)
+def test_sensor_faults(cause):
+    robot = Faulty(sensors=SENSOR_FAULTS[cause])
+    stopped(robot, cause)
+    assert lies(robot)
+
+
+def test_a_camera_that_stands_still():
+    robot = Faulty(frame=lambda frame: replace(frame, time=FAULT - 1.0))
+    stopped(robot, Cause.STALE_CAMERA)
+    assert lies(robot)
+
+
+def test_an_action_that_is_no_number():
+    robot = Faulty()
+    robot_policy = lambda obs: np.full(12, np.nan) if robot.broken else flat.still(obs)  # noqa: E731
+    stopped(robot, Cause.NONFINITE_ACTION, policy=robot_policy)
+    assert lies(robot)
+    assert all(np.all(np.isfinite(targets)) for targets, _, _ in robot.commands)
+
+
+def test_a_bug_in_the_policy_is_raised_when_the_robot_lies():
+    robot = Faulty()
+    with pytest.raises(ZeroDivisionError):
+        flat.runner(robot, lambda obs: 1 / 0 if robot.broken else flat.still(obs)).run(1.0)
+    assert lies(robot) and robot.commands[-1][1] == 0.0
+
+
+def test_missed_deadlines():
+    robot, reading = Faulty(), iter(range(10_000))
+    clock = lambda: 0.05 * next(reading) if robot.broken else 0.0  # noqa: E731
+    record = stopped(robot, Cause.DEADLINE, clock=clock, limits=Limits(missed=3))
+    assert record.misses == 3
+
+
+def test_a_deadline_missed_now_and_then_is_only_counted():
+    guard = Guard(flat.manifest(), Limits(missed=3))
+    for latency in (0.05, 0.05, 0.01) * 4:
+        guard.deadline(latency, 0.04)
+    assert guard.misses == 8
+
+
+def test_torque_asked_for_too_long():
+    robot = Faulty()
+    far = np.array(a1.DEFAULT_POSE) + np.tile([0.0, 3.0, 0.0], 4)
+    kick = lambda obs: far if robot.broken else flat.still(obs)  # noqa: E731
+    record = stopped(robot, Cause.TORQUE, policy=kick, limits=Limits(saturated=0.02))
+    assert record.clamped >= 8
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGUSR1])
+def test_emergency_stop_by_signal(number):
+    sent = []
+    robot = Faulty(before=lambda robot: sent or (sent.append(1), os.kill(os.getpid(), number)))
+    before = signal.getsignal(number)
+    record = stopped(robot, Cause.ESTOP)
+    assert record.detail == signal.Signals(number).name
+    assert lies(robot)
+    assert signal.getsignal(number) is before
+
+
+def test_emergency_stop_before_the_start_commands_nothing():
+    robot, estop = Faulty(), EmergencyStop()
+    estop.press("test")
+    record = flat.runner(robot, estop=estop).run(1.0)
+    assert (record.cause, robot.commands) == (Cause.ESTOP, [])
+
+
+def test_a_real_fall_is_noticed():
+    def push(robot):
+        robot.data.xfrc_applied[1, 3] = 40.0  # N·m about x
+
+    record = stopped(Faulty(before=push), Cause.TILT)
+    assert record.rows[-1]["up"] > Limits().min_up
+
+
+def test_dropped_frames_are_borne_until_they_are_too_many():
+    robot = Faulty(imperfections=Imperfections(dropped=0.4), seed=1)
+    assert flat.runner(robot, limits=Limits(frame_age=0.5)).run(0.4).cause is None
+    with pytest.raises(UserError, match="latencies"):
+        Faulty(imperfections=Imperfections(frame_latency=0.5))
+    never = Faulty(imperfections=Imperfections(dropped=1.0))
+    assert flat.runner(never).run(0.4).cause == Cause.STALE_CAMERA
+
+
+def test_clamps():
+    guard, robot = Guard(flat.manifest(), Limits()), Faulty(lying=False)
+    sensors = replace(robot.read(), velocities=np.linspace(-3, 3, 12))
+    far = np.array(a1.DEFAULT_POSE) + np.tile([5.0, -5.0, 5.0], 4)
+    safe = guard.clamp(far, sensors, 40.0, 0.6)
+    torque = 40.0 * (safe - sensors.angles) - 0.6 * sensors.velocities
+    assert np.abs(torque).max() <= a1.TORQUE_LIMIT + 1e-9
+    assert np.all(safe <= np.array(a1.JOINT_UPPER) + 1e-9) and np.all(safe >= np.array(a1.JOINT_LOWER) - 1e-9)
+    assert guard.clamped == 1
+    np.testing.assert_array_equal(guard.clamp(sensors.angles, sensors, 40.0, 0.6), sensors.angles)
+
+
+@pytest.mark.parametrize("name", ["read", "depth", "stale", "tilted", "small"])
+def test_never_commanded_before_every_check_has_passed(name):
+    robot = Faulty()
+    sensors, frame = robot.read(), robot.depth()
+    if name in ("read", "depth"):
+        setattr(robot, name, lambda: silent(None))
+    robot.read = {
+        "stale": lambda: replace(sensors, time=-1.0),
+        "tilted": lambda: replace(sensors, quat=np.array([0.0, 1.0, 0.0, 0.0])),
+    }.get(name, robot.read)
+    if name == "small":
+        robot.depth = lambda: replace(frame, depth=frame.depth[1:])
+    with pytest.raises(UserError):
+        flat.runner(robot).run(1.0)
+    assert robot.commands == []
+
+
+def test_stop_names_its_cause():
+    assert str(Stop(Cause.TILT, "70°")) == "tilt: 70°"
