@@ -93,7 +93,7 @@ def test_spheres_collide_with_scenes_only(robot):
     spheres = {robot.geom(name).id for name in SPHERES}
     colliding = set(np.flatnonzero(robot.geom_contype | robot.geom_conaffinity))
     assert colliding == spheres
-    assert {robot.geom_type[g] for g in spheres} == {mujoco.mjtGeom.mjGEOM_SPHERE}
+    assert {int(robot.geom_type[g]) for g in spheres} == {int(mujoco.mjtGeom.mjGEOM_SPHERE)}
     np.testing.assert_allclose([robot.geom(name).size[0] for name in SPHERES], RADII)
     assert not any(robot.geom_contype[a] & robot.geom_conaffinity[b] for a in spheres for b in spheres)
     assert {robot.geom_group[g] for g in spheres} == {4}

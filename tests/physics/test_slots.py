@@ -148,8 +148,9 @@ def test_other_spheres_have_the_nearest_of_ground_and_obstacles():
     table = {"center": (0.2, 0.0, 0.9), "half": (0.01, 0.01, 0.02), "kind": STEP}  # just below the trunk's front
     found = _touch([table])
     np.testing.assert_allclose(found.trunk.distance[0], 0.08 - RADII[-1], atol=1e-5)
-    np.testing.assert_allclose(found.trunk.distance[1], 0.402 - RADII[-1], atol=0.02)  # the rear: still the table
-    np.testing.assert_allclose(found.knees.distance, _touch([]).knees.distance, atol=0.5)
+    np.testing.assert_allclose([n[0] for n in found.trunk.normal], (0, 0, 1), atol=1e-5)
+    # From the rear sphere, 0.4 m behind: the table's edge, 0.39 m ahead and 0.08 m below.
+    np.testing.assert_allclose(found.trunk.distance[1], np.hypot(0.39, 0.08) - RADII[-1], atol=1e-5)
     alone = _touch([])
     np.testing.assert_allclose(alone.trunk.distance, 1.0 - RADII[-1], atol=1e-6)
     np.testing.assert_allclose(alone.hips.distance, 1.0 - 0.045, atol=1e-6)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import jax
 import jax.numpy as jp
 import numpy as np
@@ -165,7 +167,7 @@ def test_every_iteration_lowers_the_cost(problem):
     for n in range(N):
         rows = _dense_rows(constraints, n)
         costs = [_cost_and_gradient(dense[:, :, n], force[:, n], rows, point[:, n])[0] for point in points]
-        assert all(later <= earlier + 1e-4 for earlier, later in zip(costs, costs[1:], strict=False))
+        assert all(later <= earlier + 1e-4 for earlier, later in itertools.pairwise(costs))
         assert costs[1] < costs[0]
 
 

@@ -1,0 +1,133 @@
+"""Physics against C MuJoCo with its solver converged: accelerations, trajectories, a walk through full scenes."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jp
+import mujoco
+import numpy as np
+import pytest
+
+from loco_mjx import a1
+from loco_mjx.physics.step import Dynamics, PhysicsState, initial_state, nominal_dynamics
+from loco_mjx.scene.mjcf import scene_spec
+from loco_mjx.scene.types import OBSTACLE, STEP
+from tests.physics import world
+from tests.physics.world import ENOUGH, FAST, c_rollout, flat_c_model, rollout, scene, standing, trot_targets
+
+GAIT = (world.GAIT_KP, world.GAIT_KD)
+
+
+def _gait() -> Dynamics:
+    return nominal_dynamics(*GAIT)
+
+
+def _error(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """Distance of the trunks after each control step, m."""
+    return np.linalg.norm(ours[:, :3] - theirs[:, :3], axis=1)
+
+
+def _random_states(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poses with feet, knees, hips or trunk in the ground, velocities, targets."""
+    rng = np.random.default_rng(11)
+    quat = rng.normal(size=(count, 4)) * 0.3 + [1, 0, 0, 0]
+    quat /= np.linalg.norm(quat, axis=1, keepdims=True)
+    angles = np.array(a1.DEFAULT_POSE) + 0.5 * rng.normal(size=(count, 12))
+    place = np.stack([np.zeros(count), np.zeros(count), rng.uniform(0.1, 0.27, count)], axis=1)
+    targets = np.array(a1.DEFAULT_POSE) + 0.3 * rng.normal(size=(count, 12))
+    return np.concatenate([place, quat, angles], axis=1), 0.5 * rng.normal(size=(count, 18)), targets
+
+
+def _c_step(model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray, target: np.ndarray, warm: np.ndarray) -> tuple:
+    """Configuration and velocity after one control step."""
+    model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance = 200, 100, 1e-12
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = qpos, qvel
+    for _ in range(a1.SUBSTEPS):
+        data.ctrl[:] = a1.motor_torque(target, data.qpos[7:], data.qvel[6:])
+        mujoco.mj_step(model, data)
+    return data.qpos.copy(), data.qvel.copy()
+
+
+@pytest.mark.parametrize(("mass", "inertia", "friction"), [(1.0, 1.0, 1.0), (1.2, 0.6, 0.5)])
+def test_random_states_move_as_in_c(mass, inertia, friction):
+    """Any sphere may be in the ground, any joint beyond its limit: 40 ms later both are in the same place."""
+    count = 3 * world.BATCH
+    qpos, qvel, targets = _random_states(count)
+    c_model = flat_c_model()
+    c_model.body_mass *= mass
+    c_model.body_inertia *= inertia
+    # MuJoCo takes a constraint's softness from inverse weights of the original masses; ours scale with the mass.
+    c_model.body_invweight0 /= mass
+    c_model.geom_friction[:, 0] = friction
+    one = jp.float32(1.0)
+    how = dataclasses.replace(nominal_dynamics(friction=friction), mass=mass * one, inertia=inertia * one)
+    errors = []
+    for first in range(0, count, world.BATCH):
+        picked = range(first, first + world.BATCH)
+        starts = [PhysicsState(*(jp.asarray(x, jp.float32) for x in (qpos[i], qvel[i], np.zeros(18)))) for i in picked]
+        wide = targets[first : first + world.BATCH, None]
+        states, _ = rollout(starts, [scene()], wide, [how], (20, 12))
+        for i, n in enumerate(picked):
+            after, speed = _c_step(c_model, qpos[n], qvel[n], targets[n], np.zeros(18))
+            errors.append(np.abs(states.qpos[i, 0] - after).max() / np.abs(after - qpos[n]).max())
+    assert np.median(errors) < 1e-4
+    assert np.max(errors) < 5e-3
+
+
+def test_trot_on_flat_ground_follows_c():
+    """Drift from C over 20 control steps (320 physics steps); the same walk with the solver's fewest iterations."""
+    targets = trot_targets(20)
+    theirs = c_rollout(flat_c_model(), standing(), targets, *GAIT)
+    enough, _ = rollout([standing()], [scene()], targets, [_gait()], ENOUGH)
+    fast, _ = rollout([standing()], [scene()], targets, [_gait()], FAST)
+    assert _error(enough.qpos[0], theirs).max() < 0.02
+    assert _error(enough.qpos[0], theirs)[4] < 1e-4
+    assert 1e-4 < _error(fast.qpos[0], theirs).max() < 0.08
+
+
+def test_landing_follows_c():
+    targets = world.still(30)
+    theirs = c_rollout(flat_c_model(), standing(height=0.4), targets)
+    ours, _ = rollout([standing(height=0.4)], [scene()], targets)
+    np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-4)
+
+
+def test_distance_walked_in_a_full_scene():
+    """Boxes, a turned step and a tree, each a geom in C and a tangent plane in ours: the same trot gets as far."""
+    things = [
+        {"center": (0.9, -0.55, 0.5), "half": (0.1, 0.2, 0.5), "kind": OBSTACLE},
+        {"center": (0.75, 0.0, 0.01), "half": (0.2, 1.0, 0.01), "yaw": 0.1, "kind": STEP},
+        {"center": (2.2, 0.0, 0.5), "half": (0.1, 1.0, 0.5), "kind": OBSTACLE},
+    ]
+    full = scene(things, [{"center": (0.5, 0.6, 0.5), "radius": 0.1, "half_height": 0.5}])
+    targets = trot_targets(100)
+    theirs = c_rollout(scene_spec(full).compile(), standing(), targets, *GAIT)
+    ours, outcome = rollout([standing(), standing()], [full, scene()], targets, [_gait()])
+    assert theirs[-1, 0] > 0.8
+    assert ours.qpos[0, -1, 0] == pytest.approx(theirs[-1, 0], rel=0.1)
+    assert np.abs(ours.qpos[0, :, 2] - theirs[:, 2]).mean() < 0.01
+    # It is the step that makes the difference to flat ground.
+    assert np.abs(ours.qpos[0, :, 2] - ours.qpos[1, :, 2]).max() > 0.01
+
+
+def test_pushing_against_a_box_ends_where_it_does_in_c():
+    box = scene([{"center": (0.7, 0.0, 0.5), "half": (0.1, 1.0, 0.5), "kind": OBSTACLE}])
+    targets = trot_targets(60)
+    theirs = c_rollout(scene_spec(box).compile(), standing(), targets, *GAIT)
+    ours, outcome = rollout([standing()], [box], targets, [_gait()])
+    assert outcome.obstacle_contact[0].any()
+    assert abs(ours.qpos[0, -1, 0] - theirs[-1, 0]) < 0.05
+    assert ours.qpos[0, -1, 0] < 0.7 - 0.1 - 0.05
+
+
+def test_states_are_the_same_robot():
+    """A guard for the tests above: the model the scenes are made of is the one that MJX has."""
+    state = initial_state(standing())
+    model = flat_c_model()
+    np.testing.assert_allclose(world.physics(ENOUGH).mjx.body_mass, model.body_mass, rtol=1e-6)
+    np.testing.assert_allclose(world.physics(ENOUGH).mjx.body_inertia, model.body_inertia, rtol=1e-6)
+    assert state.qpos.shape == (model.nq,) and state.qvel.shape == (model.nv,)
+    assert jax.tree.leaves(state)[0].dtype == jp.float32

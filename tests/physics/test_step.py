@@ -1,0 +1,186 @@
+"""Control steps: what the robot does in simple worlds, what randomisation changes, and how environments stay apart."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jp
+import numpy as np
+import pytest
+
+from loco_mjx import a1
+from loco_mjx.physics.kinematics import RADII, sphere_centers
+from loco_mjx.physics.step import PhysicsState, control_step, initial_state, nominal_dynamics
+from loco_mjx.scene.types import OBSTACLE, STEP, WALL
+from tests.physics.world import (
+    BATCH,
+    ENOUGH,
+    GAIT_KD,
+    GAIT_KP,
+    physics,
+    rollout,
+    scene,
+    standing,
+    stepper,
+    still,
+    trot_targets,
+)
+
+SAG = 0.240  # m, height that kp 40 holds the trunk at; C MuJoCo's figure
+
+
+def _gait():
+    return nominal_dynamics(GAIT_KP, GAIT_KD)
+
+
+def _lowest_gap(states: PhysicsState, surface) -> float:
+    """Smallest value of surface(x, y, z) − radius over all spheres and states, m."""
+    flat = states.qpos.reshape(-1, 19)
+    x, y, z = jax.vmap(sphere_centers)(flat)
+    return float(np.min(surface(np.asarray(x), np.asarray(y), np.asarray(z)) - np.asarray(RADII)))
+
+
+def test_dropped_robot_settles_at_the_height_its_gains_hold():
+    states, outcome = rollout([standing(height=0.4)], [scene()], still(50))
+    assert states.qpos[0, -1, 2] == pytest.approx(SAG, abs=0.002)
+    assert np.abs(states.qvel[0, -1]).max() < 0.02
+    np.testing.assert_allclose(states.qpos[0, -1, 3:7], [1, 0, 0, 0], atol=0.03)
+    assert not outcome.obstacle_contact.any()
+    # Standing still, the motors' torques are what holds the legs: τ = kp (target − angle).
+    final = a1.KP * (still(1)[0] - states.qpos[0, -1, 7:])
+    assert outcome.torque_squared[0, -1] == pytest.approx(np.sum(final**2), rel=0.01)
+
+
+def test_outcome_traces_the_step():
+    start = initial_state(standing(height=0.3))
+    states, outcome = rollout([start], [scene()], trot_targets(2))
+    assert outcome.angles.shape[2:] == (17, 12) and outcome.quat.shape[2:] == (17, 4)
+    np.testing.assert_array_equal(outcome.angles[0, 0, 0], start.qpos[7:])
+    np.testing.assert_array_equal(outcome.angles[0, 0, 16], states.qpos[0, 0, 7:])
+    np.testing.assert_array_equal(outcome.angles[0, 1, 0], states.qpos[0, 0, 7:])
+    np.testing.assert_array_equal(outcome.quat[0, 1, 16], states.qpos[0, 1, 3:7])
+    np.testing.assert_array_equal(outcome.gyro[0, 1, 0], states.qvel[0, 0, 3:6])
+    assert np.abs(np.diff(outcome.angles[0, 0], axis=0)).max(axis=1).min() > 0  # every physics step moves
+
+
+def test_free_fall():
+    limp = dataclasses.replace(nominal_dynamics(), strength=jp.zeros(12))
+    states, outcome = rollout([standing(height=2.0)], [scene()], still(5), [limp])
+    time = 5 * a1.CONTROL_DT
+    # Semi-implicit Euler falls half a physics step further than ½ g t².
+    expected = 2.0 - 0.5 * a1.GRAVITY * time * (time + a1.PHYSICS_DT)
+    assert states.qpos[0, -1, 2] == pytest.approx(expected, abs=1e-4)
+    assert states.qvel[0, -1, 2] == pytest.approx(-a1.GRAVITY * time, rel=1e-4)
+    assert outcome.torque_squared.max() == 0.0
+
+
+def test_walking_into_a_wall_ends_at_the_wall():
+    wall = {"center": (0.8, 0.0, 0.5), "half": (0.2, 5.0, 0.5), "kind": WALL}
+    tree = {"center": (0.8, 0.0, 0.5), "radius": 0.2, "half_height": 0.5}
+    tall = {"center": (0.8, 0.0, 0.5), "half": (0.25, 5.0, 0.5), "kind": STEP}
+    worlds = [scene([wall]), scene([], [tree]), scene([tall]), scene()]
+    states, outcome = rollout([standing()], worlds, trot_targets(60), [_gait()])
+    assert states.qpos[3, -1, 0] > 0.6  # without anything in the way it walks on
+    face = 0.8 - 0.2 - 0.05
+    for env in (0, 2):
+        assert states.qpos[env, -1, 0] < face
+        one = jax.tree.map(lambda x, env=env: x[env], states)
+        assert _lowest_gap(one, lambda x, y, z: face - x) > -0.01
+    outside = jax.tree.map(lambda x: x[1], states)
+    assert _lowest_gap(outside, lambda x, y, z: np.hypot(x - 0.8, y) - 0.25) > -0.01
+    assert outcome.obstacle_contact[0].any() and outcome.obstacle_contact[1].any()
+    assert not outcome.obstacle_contact[2:].any()  # a step is no obstacle; nothing is none either
+
+
+def test_no_sphere_sinks_into_ground_box_or_edge():
+    # Dropped onto a step, half over its edge, and onto the corner of a turned obstacle.
+    step = {"center": (0.0, 0.0, 0.05), "half": (5.0, 5.0, 0.05), "kind": STEP}
+    half = {"center": (2.5, 0.0, 0.05), "half": (2.5, 5.0, 0.05), "kind": STEP}
+    turned = {"center": (0.35, 0.1, 0.1), "half": (0.2, 0.2, 0.1), "yaw": 0.6, "kind": OBSTACLE}
+    worlds = [scene([step]), scene([half]), scene([turned]), scene()]
+    states, _ = rollout([standing(height=0.45)], worlds, still(40))
+    assert np.isfinite(states.qpos).all()
+    assert states.qpos[0, -1, 2] == pytest.approx(SAG + 0.1, abs=0.005)
+    on_step = jax.tree.map(lambda x: x[0], states)
+    assert _lowest_gap(on_step, lambda x, y, z: z - 0.1) > -0.02  # the landing itself, at 2 m/s
+    assert _lowest_gap(states, lambda x, y, z: z) > -0.03
+
+
+def test_friction_decides_whether_feet_slide():
+    settled, _ = rollout([standing()], [scene()], still(20))
+    settled = jax.tree.map(lambda x: jp.asarray(x[0, -1]), settled)
+    slide = dataclasses.replace(settled, qvel=settled.qvel.at[0].add(0.5))
+    grip, ice = nominal_dynamics(friction=1.0), nominal_dynamics(friction=0.02)
+    states, _ = rollout([slide], [scene()], still(12), [grip, ice])
+    went = states.qpos[:2, -1, 0] - settled.qpos[0]
+    # On ice: 0.5 m/s for 0.48 s, less 0.02 g all the while.
+    assert went[1] == pytest.approx(0.5 * 0.48 - 0.5 * 0.02 * a1.GRAVITY * 0.48**2, abs=0.03)
+    assert went[0] < 0.5 * went[1]
+
+
+def test_randomisation_changes_what_it_should():
+    base = nominal_dynamics()
+    change = dataclasses.replace
+    variants = [
+        change(base, mass=jp.float32(1.2)),
+        change(base, kp=jp.float32(80.0)),
+        change(base, strength=jp.full(12, 0.8)),
+    ]
+    states, _ = rollout([standing()], [scene()], still(50), [base, *variants])
+    nominal, heavy, stiff, weak = states.qpos[:, -1, 2]
+    # What the legs give way by is in proportion to the weight they carry, and to the inverse of their stiffness.
+    assert heavy < nominal - 0.004
+    assert stiff > nominal + 0.01
+    assert weak < nominal - 0.004
+
+    falling = PhysicsState(jp.asarray(standing(height=1.0)), jp.zeros(18).at[6:].set(3.0), jp.zeros(18))
+    limp = change(base, strength=jp.zeros(12))
+    states, _ = rollout(
+        [falling],
+        [scene()],
+        still(2),
+        [limp, change(limp, inertia=jp.float32(1.5)), change(limp, motor_friction=jp.float32(0.05)), limp],
+    )
+    speed = np.abs(states.qvel[:, -1, 6:]).mean(axis=1)
+    assert abs(speed[1] - speed[0]) > 1e-3  # other inertia, other motion
+    assert speed[2] < speed[0] - 0.05  # friction brakes
+    np.testing.assert_array_equal(states.qvel[3], states.qvel[0])
+
+
+def test_joint_limits_hold():
+    beyond = np.tile(np.array([[2.0, 0.9, 0.5] * 4], np.float32), (15, 1))
+    states, _ = rollout([standing(height=3.0)], [scene()], beyond)
+    overshoot = np.maximum(states.qpos[0, -1, 7:] - np.array(a1.JOINT_UPPER), 0.0)
+    assert 0.0 < overshoot.max() < 0.06  # kp would push it on by 1.2 rad
+
+
+def test_one_environment_is_what_a_batch_of_it_is():
+    world, target = scene([{"center": (0.3, 0.1, 0.05), "half": (0.2, 0.2, 0.05)}]), jp.asarray(trot_targets(3)[2])
+    state = initial_state(standing(height=0.29))
+    model = physics(ENOUGH)
+    alone = jax.jit(lambda *args: control_step(model, *args))(state, world, target, nominal_dynamics())
+    spread = lambda tree: jax.tree.map(lambda x: jp.broadcast_to(x, (BATCH, *jp.shape(x))), tree)  # noqa: E731
+    many = stepper(ENOUGH)(spread(state), spread(world), spread(target), spread(nominal_dynamics()))
+    for a, b in zip(jax.tree.leaves(alone), jax.tree.leaves(many), strict=True):
+        np.testing.assert_allclose(a, b[1], rtol=1e-4, atol=1e-4)
+
+
+def test_a_broken_environment_stays_broken_and_alone():
+    broken = PhysicsState(jp.asarray(standing()).at[9].set(jp.nan), jp.zeros(18), jp.zeros(18))
+    good = initial_state(standing())
+    mixed, _ = rollout([good, broken, good], [scene()], trot_targets(3))
+    clean, _ = rollout([good], [scene()], trot_targets(3))
+    assert not np.isfinite(mixed.qpos[1, -1]).all()
+    for env in (0, 2, 3):
+        np.testing.assert_array_equal(mixed.qpos[env], clean.qpos[env])
+
+
+def test_states_keep_their_types():
+    state, world, how = initial_state(standing()), scene(), nominal_dynamics()
+    model = physics(ENOUGH)
+    after, outcome = jax.eval_shape(lambda *args: control_step(model, *args), state, world, jp.zeros(12), how)
+    for before, new in zip(jax.tree.leaves(state), jax.tree.leaves(after), strict=True):
+        assert (new.shape, new.dtype, new.weak_type) == (before.shape, before.dtype, False)
+    assert outcome.obstacle_contact.dtype == bool and outcome.obstacle_contact.shape == ()
+    assert not any(leaf.weak_type for leaf in jax.tree.leaves(outcome))
