@@ -64,6 +64,6 @@ class Record:
         about = json.dumps(self.summary() | {"events": self.events})
         try:
             with path.open("wb") as file:
-                np.savez_compressed(file, about=np.array(about), **columns)
+                np.savez_compressed(file, about=np.array(about), **columns)  # type: ignore[arg-type]
         except OSError as error:
             raise UserError(f"cannot write {path}: {error.strerror or error}") from error

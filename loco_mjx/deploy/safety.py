@@ -80,8 +80,8 @@ class EmergencyStop:
         """Listens to signals; outside of the main thread Python does not allow it and only the key is left."""
         before: dict[int, object] = {}
         with contextlib.suppress(ValueError):
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
-                before[number] = signal.signal(number, self._signalled)
+            for name in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+                before[name] = signal.signal(name, self._signalled)
         try:
             yield
         finally:
