@@ -20,7 +20,8 @@ from loco_mjx.scene.types import STEP, Boxes, Cylinders, Scene, Spheres, Terrain
 BATCH = 4  # environments in every rollout, so that the tests share one compiled program
 BOXES, TREES = 3, 1  # likewise
 AWAY = (500.0, 500.0, 0.0)
-FAST, ENOUGH = (1, 4), (3, 4)  # solver and line-search iterations: the fewest, and as many as take it to C MuJoCo's
+# Solver and line-search iterations: the fewest; enough for most of what a robot does; always enough.
+FAST, ENOUGH, CONVERGED = (1, 4), (3, 4), (20, 12)
 
 PERIOD = 0.4  # s
 STRIDE, LIFT, HEIGHT = 0.06, 0.05, 0.25  # m: half a stride, how high a foot swings, hips over feet
@@ -136,12 +137,17 @@ def flat_c_model() -> mujoco.MjModel:
 
 
 def c_rollout(
-    model: mujoco.MjModel, qpos: np.ndarray, targets: np.ndarray, kp: float = a1.KP, kd: float = a1.KD
+    model: mujoco.MjModel,
+    qpos: np.ndarray,
+    targets: np.ndarray,
+    kp: float = a1.KP,
+    kd: float = a1.KD,
+    qvel: np.ndarray | float = 0.0,
 ) -> np.ndarray:
-    """(steps, 19) configurations after each control step in C MuJoCo, its solver converged, from rest."""
+    """(steps, 19) configurations after each control step in C MuJoCo, its solver converged."""
     model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance = 100, 50, 1e-10
     data = mujoco.MjData(model)
-    data.qpos[:19] = qpos
+    data.qpos[:19], data.qvel[:18] = qpos, qvel
     history = []
     for target in targets:
         for _ in range(a1.SUBSTEPS):
