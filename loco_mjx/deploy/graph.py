@@ -143,7 +143,7 @@ def _state_depth_concat(b: Builder, params: Tree, config: Config, state: str) ->
 
 
 def _hierarchical(b: Builder, params: Tree, config: Config, state: str) -> str:
-    command = b.op("Tanh", b.dense(_flat_visual(b, params), params["command"]))
+    command = b.op("Tanh", b.dense(_flat_visual(b, params), params["policy_command"]))
     return b.op("Concat", b.mlp(state, params["state_encoder"]), command, axis=0)
 
 

@@ -175,7 +175,7 @@ class Hierarchical(nn.Module):
         visual = DepthEncoder(name="depth_encoder")(obs[DEPTH])
         visual = visual.reshape(*visual.shape[:-3], -1)  # (..., 1024)
         visual = nn.relu(nn.Dense(config.hidden[-1], kernel_init=PROJECTION_INIT, name="visual_projection")(visual))
-        command = nn.tanh(nn.Dense(config.latent_dim, kernel_init=PROJECTION_INIT, name="command")(visual))
+        command = nn.tanh(nn.Dense(config.latent_dim, kernel_init=PROJECTION_INIT, name="policy_command")(visual))
         body = MLP(config.hidden, name="state_encoder")(obs[STATE])
         low = jp.concatenate([body, command], axis=-1)
         return _outputs(self, config.hidden, low, jp.concatenate([visual, body], axis=-1), None)

@@ -41,6 +41,8 @@ class Staircase:
 class Constant:
     """A policy whose mean is atanh(0.5)."""
 
+    hold = 1
+
     def apply(self, params, obs):
         shape = obs["state"].shape[:-1]
         mean = jp.full((*shape, 1), jp.arctanh(0.5))
@@ -107,3 +109,34 @@ def test_evaluation_turns_noise_off_unless_asked_and_changes_nothing_else():
     assert evaluation_config(noisy) == env
     assert evaluation_config(noisy, "wide") == dataclasses.replace(env, task="wide")
     assert evaluation_config(env, randomize=True).randomization.enabled
+
+
+class Watcher(Constant):
+    """A policy that acts by the brightness of the depth it is shown, which it holds for 3 steps."""
+
+    hold = 3
+
+    def apply(self, params, obs):
+        outputs = super().apply(params, obs)
+        return outputs.replace(mean=jp.arctanh(0.01 * obs["pixels/depth"][..., 0, 0, :1]))
+
+
+class Dial(Staircase):
+    """Shows the step's number as depth; the metric adds up the actions."""
+
+    def reset(self, key):
+        state = super().reset(key)
+        return state.replace(obs=state.obs | {"pixels/depth": jp.zeros((1, 1, 4))})
+
+    def step(self, state, action):
+        after = super().step(state, action)
+        return after.replace(obs=after.obs | {"pixels/depth": state.obs["pixels/depth"] + 1.0})
+
+
+def test_a_held_view_is_renewed_by_the_episodes_clock():
+    evaluator = Evaluator(Dial(), Watcher(), HORIZON, mesh(), deterministic=True)
+    figures = evaluator.run({}, normalizer.create(2), 0, 16)
+    # Step t shows t, held as 0, 0, 0, 3, 3, 3; an episode's sum stops at its end.
+    expected = {2: 0.0, 3: 0.0, 4: 0.03, 6: 0.09}
+    assert set(figures["length"]) == set(expected)
+    np.testing.assert_allclose(figures["action"], [expected[n] for n in figures["length"]], atol=1e-4)

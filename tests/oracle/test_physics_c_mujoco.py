@@ -13,6 +13,8 @@ import pytest
 from loco_mjx import a1
 from loco_mjx.physics.step import Dynamics, PhysicsState, initial_state, nominal_dynamics
 from loco_mjx.scene.mjcf import scene_spec
+from loco_mjx.scene.surface import ground_height
+from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import OBSTACLE, STEP
 from tests.physics import world
 from tests.physics.world import CONVERGED, ENOUGH, FAST, c_rollout, flat_c_model, rollout, scene, standing, trot_targets
@@ -144,3 +146,23 @@ def test_states_are_the_same_robot():
     np.testing.assert_allclose(world.physics(ENOUGH).mjx.body_inertia, model.body_inertia, rtol=1e-6)
     assert state.qpos.shape == (model.nq,) and state.qvel.shape == (model.nv,)
     assert jax.tree.leaves(state)[0].dtype == jp.float32
+
+
+def test_distance_walked_over_a_heightfield():
+    """Blocks up to 5 cm high: C has the sphere meet every triangle it touches, ours the one beneath its centre."""
+    generate = jax.jit(get_task("heightfield").generate)
+    worlds = [generate(jax.random.PRNGKey(i)) for i in range(world.BATCH)]
+    starts = []
+    for i, one in enumerate(worlds):
+        x, y = jp.float32(1.2), jp.float32(0.3 * i - 0.5)  # the ground is flat up to 1.2 m from the origin
+        starts.append(standing(float(x), float(y), float(ground_height(one, x, y)) + a1.STAND_HEIGHT + 0.01))
+    targets = trot_targets(60)
+    states, _ = rollout(starts, worlds, targets, [_gait()])
+    theirs = np.stack(
+        [c_rollout(scene_spec(w).compile(), s, targets, *GAIT) for w, s in zip(worlds, starts, strict=True)]
+    )
+    walked, expected = states.qpos[:, -1, 0] - 1.2, theirs[:, -1, 0] - 1.2
+    assert expected.min() > 0.25
+    np.testing.assert_allclose(walked.mean(), expected.mean(), rtol=0.1)
+    np.testing.assert_allclose(walked, expected, atol=0.1)
+    np.testing.assert_allclose(states.qpos[:, :, 2].mean(axis=1), theirs[:, :, 2].mean(axis=1), atol=0.01)

@@ -45,7 +45,7 @@ def test_dropped_robot_settles_at_the_height_its_gains_hold():
     states, outcome = rollout([standing(height=0.4)], [scene()], still(50))
     assert states.qpos[0, -1, 2] == pytest.approx(SAG, abs=0.002)
     assert np.abs(states.qvel[0, -1]).max() < 0.05
-    np.testing.assert_allclose(states.qpos[0, -1, 3:7], [1, 0, 0, 0], atol=0.03)
+    np.testing.assert_allclose(states.qpos[0, -1, 3:7], [1, 0, 0, 0], atol=0.05)
     assert not outcome.obstacle_contact.any()
     # Standing still, the motors' torques are what holds the legs: τ = kp (target − angle).
     final = a1.KP * (still(1)[0] - states.qpos[0, -1, 7:])
