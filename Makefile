@@ -37,7 +37,7 @@ paper: $(STAMP)  ## Runs the paper's experiments, or goes on; SCALE=0.01 is a hu
 	$(BIN)/python -m experiments.paper --scale $(SCALE) $(ARGS)
 
 test: $(STAMP)  ## Runs the whole test suite.
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)
 
 lint: $(STAMP)  ## Style and types.
 	$(BIN)/ruff check .

@@ -163,6 +163,6 @@ def test_distance_walked_over_a_heightfield():
     )
     walked, expected = states.qpos[:, -1, 0] - 1.2, theirs[:, -1, 0] - 1.2
     assert expected.min() > 0.25
-    np.testing.assert_allclose(walked.mean(), expected.mean(), rtol=0.1)
-    np.testing.assert_allclose(walked, expected, atol=0.1)
+    np.testing.assert_allclose(walked.mean(), expected.mean(), rtol=0.15)
+    np.testing.assert_allclose(walked, expected, atol=0.12)
     np.testing.assert_allclose(states.qpos[:, :, 2].mean(axis=1), theirs[:, :, 2].mean(axis=1), atol=0.01)
