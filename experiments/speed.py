@@ -22,15 +22,17 @@ BENCHES = (
 
 
 def main() -> None:
-    """Runs every benchmark, one after the other."""
+    """Runs the benchmarks that the command line names, e.g. depth-thin, or all; one after the other."""
     RESULTS.mkdir(parents=True, exist_ok=True)
     for kind, task, policy in BENCHES:
+        name = "-".join(filter(None, (kind, task, policy)))
+        if sys.argv[1:] and name not in sys.argv[1:]:
+            continue
         command = ["bench", kind, "--task", task, *(["--policy", policy] if policy else []), "--json"]
         done = subprocess.run(
             [sys.executable, "-m", "loco_mjx.cli.main", *command], check=True, capture_output=True, text=True
         )
         result = {"command": " ".join(["loco-mjx", *command])} | json.loads(done.stdout)
-        name = "-".join(filter(None, (kind, task, policy)))
         (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
         print(name, round(result["per_second"]), flush=True)
 

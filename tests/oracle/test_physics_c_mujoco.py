@@ -149,20 +149,23 @@ def test_states_are_the_same_robot():
 
 
 def test_distance_walked_over_a_heightfield():
-    """Blocks up to 5 cm high: C has the sphere meet every triangle it touches, ours the one beneath its centre."""
+    """Blocks up to 5 cm high: C has the sphere meet every triangle it touches, ours the one beneath its centre.
+
+    Single walks part after a stumble; their median, and how high the trunk is carried, must not.
+    """
     generate = jax.jit(get_task("heightfield").generate)
-    worlds = [generate(jax.random.PRNGKey(i)) for i in range(world.BATCH)]
-    starts = []
-    for i, one in enumerate(worlds):
-        x, y = jp.float32(1.2), jp.float32(0.3 * i - 0.5)  # the ground is flat up to 1.2 m from the origin
-        starts.append(standing(float(x), float(y), float(ground_height(one, x, y)) + a1.STAND_HEIGHT + 0.01))
     targets = trot_targets(60)
-    states, _ = rollout(starts, worlds, targets, [_gait()])
-    theirs = np.stack(
-        [c_rollout(scene_spec(w).compile(), s, targets, *GAIT) for w, s in zip(worlds, starts, strict=True)]
-    )
-    walked, expected = states.qpos[:, -1, 0] - 1.2, theirs[:, -1, 0] - 1.2
-    assert expected.min() > 0.25
-    np.testing.assert_allclose(walked.mean(), expected.mean(), rtol=0.15)
-    np.testing.assert_allclose(walked, expected, atol=0.12)
-    np.testing.assert_allclose(states.qpos[:, :, 2].mean(axis=1), theirs[:, :, 2].mean(axis=1), atol=0.01)
+    ours, theirs = [], []
+    for first in range(0, 3 * world.BATCH, world.BATCH):
+        worlds = [generate(jax.random.PRNGKey(first + i)) for i in range(world.BATCH)]
+        starts = []
+        for i, one in enumerate(worlds):
+            x, y = jp.float32(1.2), jp.float32(0.3 * i - 0.5)  # the ground is flat up to 1.2 m from the origin
+            starts.append(standing(float(x), float(y), float(ground_height(one, x, y)) + a1.STAND_HEIGHT + 0.01))
+        ours.append(rollout(starts, worlds, targets, [_gait()])[0].qpos)
+        theirs += [c_rollout(scene_spec(w).compile(), s, targets, *GAIT) for w, s in zip(worlds, starts, strict=True)]
+    ours, theirs = np.concatenate(ours), np.stack(theirs)
+    walked, expected = np.median(ours[:, -1, 0]) - 1.2, np.median(theirs[:, -1, 0]) - 1.2
+    assert expected > 0.3
+    assert walked == pytest.approx(expected, rel=0.1)
+    np.testing.assert_allclose(ours[:, :, 2].mean(), theirs[:, :, 2].mean(), atol=0.005)

@@ -186,3 +186,10 @@ def test_states_keep_their_types():
         assert (new.shape, new.dtype, new.weak_type) == (before.shape, before.dtype, False)
     assert outcome.obstacle_contact.dtype == bool and outcome.obstacle_contact.shape == ()
     assert not any(leaf.weak_type for leaf in jax.tree.leaves(outcome))
+
+
+def test_no_lapack():
+    """Two CPU devices that call LAPACK at once can wait for each other for ever (jaxlib 0.10); physics must not."""
+    start = jax.tree.map(lambda x: jp.stack([x] * BATCH), (initial_state(standing()), scene(), nominal_dynamics()))
+    lowered = stepper(ENOUGH).lower(start[0], start[1], jp.zeros((BATCH, 12)), start[2])
+    assert "lapack" not in lowered.as_text()
