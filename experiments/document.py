@@ -22,6 +22,7 @@ LEARNING = """## Learning, on a CPU
 episodes of 1,000 control steps in scenes it has not seen. Distances in m, lengths in control steps. "At the start"
 is the same policy after its first iteration: acting by its mean it stands still, exploring it falls over.
 "Exploring" is the policy as it acts in training, drawing from its Gaussian; the mean of the last {tail} iterations.
+The runs shared the machine with other work: their times are upper bounds.
 
 ![Distance and episode length over samples](learning.png)
 """
