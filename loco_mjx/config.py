@@ -87,7 +87,7 @@ class TerminationConfig:
 class PhysicsConfig:
     """The MJX solver and the contact slots."""
 
-    iterations: int = 1  # Newton iterations per physics step
+    iterations: int = 3  # Newton iterations per physics step
     ls_iterations: int = 4  # line-search iterations per Newton iteration
     near_boxes: int = 6  # boxes nearest the robot that may touch it within one control step
     near_cylinders: int = 3
