@@ -108,7 +108,7 @@ def cells_of(names: list[str], out: Path, scale: float, preset: str | None = Non
 
 
 def once_each(cells: list[Cell]) -> list[Cell]:
-    """The fewest of them that have every task and every variant: the paper's own policy on every task, others on one."""
+    """The fewest that have every task and every variant: the paper's own policy on every task, the others on one."""
     seen: set[object] = set()
     kept = []
     for cell in sorted(cells, key=lambda cell: cell.variant != paper.POLICIES["Ours"]):

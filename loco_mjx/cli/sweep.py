@@ -50,7 +50,7 @@ class Options:
     launcher: Literal["local", "ray"] = "local"
     """Where runs go: local is this machine, one after the other, each on all devices; ray is a Ray cluster."""
     ray_address: str | None = None
-    """Of --launcher ray, HOST:PORT; None: $RAY_ADDRESS, else the cluster of this machine, else one started for the sweep."""
+    """Of --launcher ray, HOST:PORT; None: $RAY_ADDRESS, else this machine's cluster, else one started for the sweep."""
     cpus_per_cell: int | None = None
     """Of --launcher ray, set aside for each run; None: 1 where there are GPUs, else all of the largest node."""
     gpus_per_cell: float | None = None

@@ -1,7 +1,7 @@
 """Runs a sweep's cells on a Ray cluster: a cell is a task, retried on another worker when its own dies.
 
-Every node needs this package and the sweep's directory at the same path: a run is resumed from the checkpoint that it left
-there, and progress is read from its curves.
+Every node needs this package and the sweep's directory at the same path: a run is resumed from the checkpoint that it
+left there, and progress is read from its curves.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from loco_mjx.compare.progress import Progress
 from loco_mjx.errors import UserError
 from loco_mjx.run.directory import LOCK
 
+AUTO = "auto"  # the cluster that runs on this machine
+CONNECT_SECONDS = 10.0
 RETRIES = 3
 SAVE_SECONDS = 300.0  # for a run that was told to stop: it ends its iteration first
 OBJECT_STORE_BYTES = 100_000_000  # of a cluster started here; cells are paths, Ray would take a third of the memory
@@ -51,7 +53,7 @@ class OnRay:
     """A Ray cluster.
 
     Attributes:
-        address: HOST:PORT; None: $RAY_ADDRESS, else the cluster that runs on this machine, else one started for the sweep.
+        address: HOST:PORT or auto; None: $RAY_ADDRESS, else this machine's cluster, else one started for the sweep.
         cpus: set aside for a cell; None: see `need`.
         gpus: the same.
         retries: after its worker died.
@@ -107,7 +109,8 @@ class OnRay:
         nodes = _nodes(ray)
         wanted = need(nodes, self.cpus, self.gpus)
         at_once = sum(wanted.fits(node) for node in nodes)
-        progress.say(f"Ray: {len(nodes)} nodes; a cell takes {wanted}, {at_once} run at once")
+        where = ray.get_runtime_context().gcs_address
+        progress.say(f"Ray at {where}, nodes: {len(nodes)}; a cell takes {wanted}, {at_once} run at once")
         task = ray.remote(num_cpus=wanted.cpus, num_gpus=wanted.gpus, max_retries=self.retries)(_work)
         tasks = {task.remote(_absolute(cell), self.run): cell for cell in cells}
         try:
@@ -128,8 +131,10 @@ class OnRay:
         """Connects, or starts a cluster where no address is given and none runs."""
         quiet = {"log_to_driver": False, "logging_level": logging.CRITICAL}
         given = self.address or os.environ.get("RAY_ADDRESS")
+        if given and given != AUTO:
+            _check_address(given)
         try:
-            ray.init(given or "auto", **quiet)
+            ray.init(given or AUTO, **quiet)
         except (ConnectionError, RuntimeError, ValueError, OSError) as error:
             if given:
                 raise UserError(f"no Ray cluster at {given}: {_line(error)}; give --ray-address HOST:PORT") from error
@@ -160,6 +165,19 @@ def need(nodes: Sequence[Mapping[str, float]], cpus: int | None, gpus: float | N
     if cpus is None:
         cpus = 1 if gpus else max([1, *(int(node.get("CPU", 0.0)) for node in nodes)])
     return Need(cpus, gpus)
+
+
+def _check_address(address: str) -> None:
+    """Refuses an address where nothing listens: Ray itself would wait for a minute and then end the program.
+
+    Raises:
+        UserError: saying so.
+    """
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), CONNECT_SECONDS).close()
+    except (OSError, ValueError, OverflowError) as error:
+        raise UserError(f"no Ray cluster at {address}: {_line(error)}; give --ray-address HOST:PORT") from error
 
 
 def _nodes(ray: Any) -> list[Mapping[str, float]]:

@@ -13,7 +13,7 @@ from loco_mjx.cli import train
 from loco_mjx.compare import paper
 from loco_mjx.compare.cells import PROGRAM, Plan
 from loco_mjx.compare.results import variant_of
-from loco_mjx.compare.variant import METHOD_KEYS, parse_variant
+from loco_mjx.compare.variant import parse_variant
 from loco_mjx.config import to_dict
 from loco_mjx.depth.encoding import encode
 from loco_mjx.env import LocoEnv

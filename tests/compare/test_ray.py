@@ -151,7 +151,7 @@ def test_a_worker_that_is_killed_and_cells_that_fail(cluster, tmp_path, capsys):
 
     again = Worker(notes(tmp_path, "again"))
     result, _ = sweep(cluster, found, capsys, again)
-    assert len(result.skipped) == len(result.ran) == 2 and not result.failed and again.ran("--seed 0") == []
+    assert len(result.skipped) == len(result.ran) == 2 and not result.failed and again.ran("/seed0") == []
 
 
 def test_a_cell_that_no_node_holds(cluster, tmp_path, capsys):
