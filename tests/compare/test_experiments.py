@@ -66,7 +66,8 @@ def test_the_smallest_scale_has_every_task_policy_and_ablation_once(tmp_path, ce
     assert {cell.variant for cell in few} == {cell.variant for cell in cells}
     assert len(few) == 6 + 4 + 4 and {cell.seed for cell in few} == {0}
     assert len([cell for cell in few if cell.variant.label == "loco-transformer"]) == 6  # on every task
-    assert {(cell.config.env.horizon, "--evaluations") for cell in few} == {(100, cell.options[2]) for cell in few}
+    assert {cell.config.env.horizon for cell in few} == {100}
+    assert all("--evaluations 0" in " ".join(cell.train_command()) for cell in few)
 
 
 @pytest.mark.parametrize(("names", "scale", "said"), [(["mountains"], 1.0, "mountain"), ([], 0.0, "scale is 0")])
