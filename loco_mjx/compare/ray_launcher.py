@@ -168,15 +168,17 @@ def need(nodes: Sequence[Mapping[str, float]], cpus: int | None, gpus: float | N
 
 
 def _check_address(address: str) -> None:
-    """Refuses an address where nothing listens: Ray itself would wait for a minute and then end the program.
+    """Refuses an address where nothing listens: Ray itself would wait for minutes and then end the program.
 
     Raises:
         UserError: saying so.
     """
     host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or int(port) >= 2**16:
+        raise UserError(f"--ray-address is '{address}'; accepted: HOST:PORT of the cluster's head, or auto")
     try:
         socket.create_connection((host, int(port)), CONNECT_SECONDS).close()
-    except (OSError, ValueError, OverflowError) as error:
+    except OSError as error:
         raise UserError(f"no Ray cluster at {address}: {_line(error)}; give --ray-address HOST:PORT") from error
 
 

@@ -169,6 +169,8 @@ def refused(capsys, tmp_path, *words):
 
 def test_no_cluster_at_the_address(tmp_path, capsys):
     assert "no Ray cluster at 127.0.0.1:1" in refused(capsys, tmp_path, "--ray-address", "127.0.0.1:1")
+    for address in ("nowhere", "host:99999", ":6379", "ray://host:port"):
+        assert f"'{address}'; accepted: HOST:PORT" in refused(capsys, tmp_path, "--ray-address", address)
 
 
 def test_ray_is_missing(tmp_path, capsys, monkeypatch):
