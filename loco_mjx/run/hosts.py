@@ -88,7 +88,7 @@ def _slurm(environment: Mapping[str, str]) -> Place | None:
 
 
 @contextlib.contextmanager
-def joined(where: Place | None, seconds: float = CONNECT_SECONDS) -> Iterator[None]:
+def joined(where: Place | None) -> Iterator[None]:
     """While entered, this process is one of several; to be entered before JAX runs anything.
 
     An error that one process alone meets ends it at once, without waiting for the others, which then end, too.
@@ -101,7 +101,7 @@ def joined(where: Place | None, seconds: float = CONNECT_SECONDS) -> Iterator[No
         return
     with _watched():
         try:
-            _connect(where, seconds)
+            _connect(where, CONNECT_SECONDS)
             with contextlib.redirect_stdout(sys.stdout if where.process == 0 else open(os.devnull, "w")):
                 yield
             jax.distributed.shutdown()

@@ -85,25 +85,31 @@ def policy_of(state: Any) -> checkpoint.Policy:
 
 
 def common_step(runs: Sequence[Run], say: Callable[[str], None] = lambda text: None) -> int:
-    """The newest step of which all runs have a whole checkpoint; 0 if none has any.
+    """The newest step of which all runs have a whole checkpoint; 0 if none has trained.
 
     Args:
         runs: to be trained together.
-        say: told of damaged checkpoints.
+        say: told of damaged checkpoints that were passed over.
 
     Raises:
-        UserError: if there is none, naming where each run stands.
+        UserError: if there is none, naming what is damaged, or where each run stands.
     """
     if len(runs) == 1:  # which may go on from any; restoring it says what is damaged
         return next(iter(checkpoint.steps(runs[0].directory)), 0)
-    stand = {run.directory: checkpoint.whole_steps(run.directory, say) for run in runs}
-    if not any(stand.values()):
+    problems: list[str] = []
+    stand = {run.directory: checkpoint.whole_steps(run.directory, problems.append) for run in runs}
+    if not problems and not any(max(steps, default=0) for steps in stand.values()):
         return 0
     shared = set.intersection(*(set(steps) for steps in stand.values()))
     if shared:
+        for problem in problems:
+            say(problem)
         return max(shared)
     newest = ", ".join(f"{path.name} at {max(steps, default=0):,}" for path, steps in stand.items())
     raise UserError(
-        f"the seeds in {runs[0].directory.parent} have no checkpoint at the same number of samples ({newest}); train "
-        "those that lag behind by --seed or in groups that stand together, or use another --out"
+        "; ".join(
+            [*problems, f"the seeds in {runs[0].directory.parent} have no whole checkpoint at the same number of"]
+        )
+        + f" samples ({newest}); train those that lag behind by themselves (--seed, or a --seeds of those that stand "
+        "together), or use another --out"
     )
