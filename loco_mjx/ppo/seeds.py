@@ -36,10 +36,10 @@ class SeedsTrainer:
         mesh, is_spec = trainer.mesh, lambda x: isinstance(x, P)
         state = jax.tree.map(lambda spec: P(None, *spec), trainer.layout, is_leaf=is_spec)
         copies = P()
-        step, start = (jax.vmap(partial(part, axis_name=AXIS)) for part in (trainer.step, trainer.start))
+        step = jax.vmap(partial(trainer.step, axis_name=AXIS))
         place = partial(jax.tree.map, partial(NamedSharding, mesh), is_leaf=is_spec)
         self.iterate = jax.jit(trainer.spread(step, (state, copies), (state, copies)), donate_argnums=0)
-        self._start = jax.jit(trainer.spread(start, (copies, copies), state))
+        self._start = jax.jit(trainer.spread(self._each_start, (copies, copies), state))
         self._make_pool = jax.jit(jax.vmap(trainer.pool, (0, None)), out_shardings=NamedSharding(mesh, copies))
         self.split = jax.jit(self._split, out_shardings=[place(trainer.layout)] * len(self.seeds))
         self.join = jax.jit(self._join, out_shardings=place(state))
@@ -55,6 +55,14 @@ class SeedsTrainer:
     def make_pool(self, iteration: int) -> Any:
         """Each seed's scenes of an iteration."""
         return self._make_pool(self._keys, self.trainer.pool_number(iteration))
+
+    def _each_start(self, keys: jax.Array, pools: Any) -> TrainState:
+        """Every seed's state before the first iteration, made one after the other.
+
+        The initialisers decompose matrices. On a CPU a batch of decompositions waits for threads of the pool that it
+        runs on, and two devices with two threads wait for ever.
+        """
+        return jax.lax.map(lambda seed: self.trainer.start(*seed, axis_name=AXIS), (keys, pools))
 
     def _split(self, state: TrainState) -> list[TrainState]:
         return [jax.tree.map(lambda x, i=i: x[i], state) for i in range(len(self.seeds))]
