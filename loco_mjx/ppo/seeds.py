@@ -62,7 +62,7 @@ class SeedsTrainer:
         The initialisers decompose matrices. On a CPU a batch of decompositions waits for threads of the pool that it
         runs on, and two devices with two threads wait for ever.
         """
-        return jax.lax.map(lambda seed: self.trainer.start(*seed, axis_name=AXIS), (keys, pools))
+        return jax.lax.map(lambda seed: self.trainer.start(seed[0], seed[1], AXIS), (keys, pools))
 
     def _split(self, state: TrainState) -> list[TrainState]:
         return [jax.tree.map(lambda x, i=i: x[i], state) for i in range(len(self.seeds))]
