@@ -108,6 +108,8 @@ def speed() -> str:
     for path in sorted((RESULTS / "bench").glob("*.json")):
         result = json.loads(path.read_text())
         peer = result.get("peer")
+        if "single" in result:
+            peer = {"name": "one seed alone", "per_second": result["single"]["per_second"]}
         body.append(
             [
                 f"`{result['command']}`",

@@ -9,26 +9,28 @@ from pathlib import Path
 
 RESULTS = Path(__file__).parent / "results" / "cpu" / "bench"
 BENCHES = (
-    ("depth", "thin", None),
-    ("depth", "mountain", None),
-    ("physics", "thin", None),
-    ("physics", "mountain", None),
-    ("env", "thin", None),
-    ("env", "mountain", None),
-    ("train", "thin", "loco-transformer"),
-    ("train", "thin", "state-only"),
-    ("train", "mountain", "loco-transformer"),
+    ("depth", "thin", None, None),
+    ("depth", "mountain", None, None),
+    ("physics", "thin", None, None),
+    ("physics", "mountain", None, None),
+    ("env", "thin", None, None),
+    ("env", "mountain", None, None),
+    ("train", "thin", "loco-transformer", None),
+    ("train", "thin", "state-only", None),
+    ("train", "mountain", "loco-transformer", None),
+    ("train", "thin", "state-only", 5),
 )
 
 
 def main() -> None:
     """Runs the benchmarks that the command line names, e.g. depth-thin, or all; one after the other."""
     RESULTS.mkdir(parents=True, exist_ok=True)
-    for kind, task, policy in BENCHES:
-        name = "-".join(filter(None, (kind, task, policy)))
+    for kind, task, policy, seeds in BENCHES:
+        name = "-".join(filter(None, (kind, task, policy, seeds and f"{seeds}-seeds")))
         if sys.argv[1:] and name not in sys.argv[1:]:
             continue
-        command = ["bench", kind, "--task", task, *(["--policy", policy] if policy else []), "--json"]
+        command = ["bench", kind, "--task", task, *(["--policy", policy] if policy else [])]
+        command += [*(["--seeds", str(seeds)] if seeds else []), "--json"]
         done = subprocess.run(
             [sys.executable, "-m", "loco_mjx.cli.main", *command], check=True, capture_output=True, text=True
         )

@@ -15,8 +15,8 @@ AXIS = "env"  # the environments' axis
 
 
 def make_mesh(devices: Sequence[jax.Device] | None = None) -> Mesh:
-    """A mesh with one axis, over these devices or all local ones."""
-    return Mesh(np.array(jax.local_devices() if devices is None else devices), (AXIS,))
+    """A mesh with one axis, over these devices or all there are, those of other processes included."""
+    return Mesh(np.array(jax.devices() if devices is None else devices), (AXIS,))
 
 
 def dividing(size: int) -> list[jax.Device]:

@@ -31,6 +31,8 @@ class Options:
     """For train, and for env, where it decides whether depth is rendered."""
     num_envs: int | None = None
     """Environments side by side; None: 256."""
+    seeds: int | None = None
+    """For train: so many seeds in one program, beside one seed alone."""
     seconds: float = 5.0
     """To measure for, at least, beside the compilation."""
     json: bool = False
@@ -46,6 +48,10 @@ def main(args: Sequence[str]) -> int:
     options = parse(Options, args, PROG)
     if options.num_envs is not None and options.num_envs < 1:
         raise UserError(f"num-envs is {options.num_envs}; accepted: 1 or more")
+    if options.seeds is not None and options.part != "train":
+        raise UserError(f"seeds are for bench train, not for bench {options.part}")
+    if options.seeds is not None and options.seeds < 1:
+        raise UserError(f"seeds is {options.seeds}; accepted: 1 or more")
     with one_object(options.json) as show:
         from loco_mjx.run import about, machine
         from loco_mjx.scene.tasks import get_task
@@ -73,8 +79,11 @@ def measure(options: Options) -> dict[str, Any]:
         return about | bench_physics(options.task, num_envs, options.seconds)
     from loco_mjx.run import bench
 
+    config = bench.bench_config(options.task, options.policy, num_envs)
+    if options.seeds is not None:
+        return about | bench.bench_seeds(config, options.seconds, options.seeds)
     run = bench.bench_env if options.part == "env" else bench.bench_train
-    return about | run(bench.bench_config(options.task, options.policy, num_envs), options.seconds)
+    return about | run(config, options.seconds)
 
 
 def table(result: dict[str, Any]) -> Any:

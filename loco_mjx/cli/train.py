@@ -18,6 +18,7 @@ from loco_mjx.cli.parse import check_seed, parse
 from loco_mjx.config import Config, EnvConfig, NetworkConfig, PPOConfig
 from loco_mjx.run.loop import LoopOptions
 from loco_mjx.run.progress import duration
+from loco_mjx.run.record import Run
 
 PROG = "loco-mjx train"
 PRESET = "fast"
@@ -39,6 +40,8 @@ class Options:
     """Policy to train; it decides whether depth is rendered."""
     seed: int = 0
     """Seed of everything random."""
+    seeds: str | None = None
+    """Several seeds in one program instead, as in 0-4 or 0,2,5; each one's run is seedSEED in --out."""
     preset: str = PRESET
     """Defaults of the whole configuration: the paper's, or ones tuned for wall-clock."""
     total_steps: int | None = None
@@ -46,7 +49,13 @@ class Options:
     num_envs: int | None = None
     """Parallel environments; None: the preset's."""
     out: Path | None = None
-    """Directory of the run; None: runs/TASK/POLICY/seedSEED."""
+    """Directory of the run; None: runs/TASK/POLICY/seedSEED. With --seeds that of all of them: runs/TASK/POLICY."""
+    coordinator: str | None = None
+    """HOST:PORT of process 0, for a run over several processes; under `srun` with several tasks SLURM says it."""
+    process_id: int | None = None
+    """Which of them this one is: 0 to num-processes - 1."""
+    num_processes: int | None = None
+    """How many processes train together; --num-envs is of all of them."""
     loop: Annotated[LoopOptions, tyro.conf.arg(name="")] = field(default_factory=LoopOptions)
     env: tyro.conf.FlagConversionOff[EnvConfig] = field(default_factory=EnvConfig)
     network: tyro.conf.FlagConversionOff[NetworkConfig] = field(default_factory=NetworkConfig)
@@ -60,27 +69,64 @@ def main(args: Sequence[str]) -> int:
         UserError: if what is asked cannot be done; nothing is written then.
     """
     options = read(args)
+    from loco_mjx.run import hosts
+
+    where = hosts.place(options.coordinator, options.process_id, options.num_processes, os.environ)
+    with hosts.joined(where):
+        return _train(options, args, 1 if where is None else where.count)
+
+
+def _train(options: Options, args: Sequence[str], processes: int) -> int:
+    """Runs the command on one of several processes, or the only one."""
     config = configuration(options)
-    path = options.out or Path("runs", config.env.task, config.policy, f"seed{config.seed}")
     check(config)
+    runs = planned(options, args, config)
 
     from rich.console import Console
 
-    from loco_mjx.run import directory, machine, start
+    from loco_mjx.run import directory, hosts, machine, start
 
-    found = directory.find(path)
-    machine.set_up(machine.shards(config.ppo.num_envs, config.ppo.minibatch))
+    found = [directory.find(run.directory) for run in runs]
+    machine.set_up(machine.shards(config.ppo.num_envs, config.ppo.minibatch, processes=processes))
     console = Console()
     if not gave_total(options, args):
-        config = with_total(config, found.ppo.total_steps if found else default_total(config))
-    if found is not None:
-        directory.reconcile(path, found, config)
-        if start.finished(path, config):
-            console.print(f"{path} is finished; next: loco-mjx evaluate {path}", soft_wrap=True)
-            return 0
+        totals = [run.ppo.total_steps for run in found if run is not None]
+        total = int(hosts.shared(str(max(totals) if totals else default_total(config))))
+        runs = [dataclasses.replace(run, config=with_total(run.config, total)) for run in runs]
+    for run, there in zip(runs, found, strict=True):
+        if there is not None:
+            directory.reconcile(run.directory, there, run.config)
+    path = runs[0].directory if options.seeds is None else runs[0].directory.parent
+    if all(
+        there is not None and start.finished(run.directory, run.config) for run, there in zip(runs, found, strict=True)
+    ):
+        console.print(f"{path} is finished; next: loco-mjx evaluate {path}", soft_wrap=True)
+        return 0
     console.print(f"preset {options.preset}, in {path}", soft_wrap=True)
-    outcome = start.train(config, path, options.loop, console, [*PROG.split(), *args])
+    outcome = start.train(runs, options.loop, console, [*PROG.split(), *args])
     return conclude(outcome.samples, outcome.signal, path, args)
+
+
+def planned(options: Options, args: Sequence[str], config: Config) -> list[Run]:
+    """The run of a single seed, or those of several, and where they lie.
+
+    Raises:
+        UserError: if the seeds mean nothing, or are given in two ways.
+    """
+    from loco_mjx.compare.lists import parse_seeds
+    from loco_mjx.errors import UserError
+
+    home = Path("runs", config.env.task, config.policy)
+    if options.seeds is None:
+        return [Run(config, options.out or home / f"seed{config.seed}")]
+    if any(arg.partition("=")[0] == "--seed" for arg in args):
+        raise UserError("--seed and --seeds are given; accepted: --seed for one run, --seeds for several together")
+    seeds, home = parse_seeds(options.seeds), options.out or home
+    if len(seeds) < sum(len(parse_seeds(part)) for part in options.seeds.split(",")):
+        raise UserError(f"seeds '{options.seeds}' name one twice; accepted: each once, e.g. 0-4 or 0,2,5")
+    if (home / "config.json").exists():
+        raise UserError(f"{home} holds a single run; --seeds makes a directory of runs: choose another --out")
+    return [Run(dataclasses.replace(config, seed=seed), home / f"seed{seed}") for seed in seeds]
 
 
 def read(args: Sequence[str]) -> Options:

@@ -60,7 +60,7 @@ class Evaluator:
         """
         self.env, self.networks, self.horizon, self.mesh = env, networks, horizon, mesh
         self.deterministic = deterministic
-        self._run = jax.jit(spread(self._episodes, mesh, (P(), P(), P(AXIS)), P(AXIS)))
+        self._run = jax.jit(spread(self._share, mesh, (P(), P(), P()), P()))
 
     def run(self, params: Any, normalizer: Any, seed: int, episodes: int) -> Figures:
         """Each metric of each episode, (episodes,); episode i is the same whatever their number.
@@ -87,6 +87,11 @@ class Evaluator:
         parts = [self._run(params, normalizer, keys[start : start + chunk]) for start in range(0, total, chunk)]
         sums = {name: np.concatenate([np.asarray(part[name]) for part in parts])[:episodes] for name in parts[0]}
         return _figures(sums)
+
+    def _share(self, params: Any, normalizer: Any, keys: jax.Array) -> dict[str, jax.Array]:
+        """Everyone's episodes, of which this device runs its share; all hold the result, whoever asks for it."""
+        own = keys.reshape(self.mesh.size, -1, *keys.shape[1:])[jax.lax.axis_index(AXIS)]
+        return jax.lax.all_gather(self._episodes(params, normalizer, own), AXIS, tiled=True)
 
     def _episodes(self, params: Any, normalizer: Any, keys: jax.Array) -> dict[str, jax.Array]:
         """One device's episodes: sums of metrics until each one's first `done`."""

@@ -184,7 +184,8 @@ def control_step(
 ) -> tuple[PhysicsState, Outcome]:
     """Runs the motors toward targets for one control step (0.04 s, 16 physics steps).
 
-    Written for one environment; `jax.vmap` of it computes with the environments on the last axis.
+    Written for one environment; `jax.vmap` of it computes with the environments on the last axis, and a vmap of that
+    (seeds × environments) with all of them together there.
 
     Args:
         model: the physics.
@@ -198,18 +199,32 @@ def control_step(
     """
 
     @jax.custom_batching.custom_vmap
-    def run(*args: Any) -> tuple[PhysicsState, Outcome]:
+    def one(*args: Any) -> Any:
         first = jax.tree.map(lambda x: jp.asarray(x)[None], args)
-        return jax.tree.map(lambda x: x[0], batch(*first))
+        return jax.tree.map(lambda x: x[0], many(*first))
 
-    def batch(*args: Any) -> tuple[PhysicsState, Outcome]:
+    @one.def_vmap
+    def _(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
+        out = many(*_spread(size, batched, args))
+        return out, jax.tree.map(lambda _: True, out)
+
+    @jax.custom_batching.custom_vmap
+    def many(*args: Any) -> Any:
         with jax.default_matmul_precision("highest"):
             return _control_steps(model, *args)
 
-    @run.def_vmap
+    @many.def_vmap
     def _(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
-        spread = lambda x, is_batched: x if is_batched else jp.broadcast_to(x, (size, *jp.shape(x)))  # noqa: E731
-        out = batch(*jax.tree.map(spread, args, tuple(batched)))
+        args = _spread(size, batched, args)
+        count = args[0].qpos.shape[1]
+        merged = jax.tree.map(lambda x: x.reshape(size * count, *x.shape[2:]), args)
+        out = jax.tree.map(lambda x: x.reshape(size, count, *x.shape[1:]), many(*merged))
         return out, jax.tree.map(lambda _: True, out)
 
-    return run(state, scene, targets, dynamics)
+    return one(state, scene, targets, dynamics)
+
+
+def _spread(size: int, batched: Any, args: Any) -> Any:
+    """The arguments, each with the mapped axis in front."""
+    repeat = lambda x, is_batched: x if is_batched else jp.broadcast_to(x, (size, *jp.shape(x)))  # noqa: E731
+    return jax.tree.map(repeat, args, tuple(batched))

@@ -63,6 +63,7 @@ class Trainer:
     part to every minibatch's gradient.
 
     Attributes:
+        layout: how a state lies on the mesh: a TrainState of PartitionSpecs.
         iterate: (state, pool) -> (next state, dict of scalars), one iteration on all devices, compiled once. It
             donates the state: what was passed in cannot be used again.
         collect: (state, pool) -> (state, Rollout, dict of scalars), the first half of `iterate`, to be timed apart.
@@ -96,16 +97,18 @@ class Trainer:
         # How states and rollouts (time-major) lie on the mesh.
         split, windows, copies = P(AXIS), P(None, AXIS), P()
         lie: dict[str, Any] = {field.name: copies for field in dataclasses.fields(TrainState)}
-        state = TrainState(**lie | {"env_state": split})
-        self.iterate = jax.jit(self._spread(self.step, (state, copies), (state, copies)), donate_argnums=0)
-        self.collect = jax.jit(self._spread(self.collect_part, (state, copies), (state, windows, copies)))
-        self.update = jax.jit(self._spread(self.update_part, (state, windows), (state, copies)))
-        self._init = jax.jit(self._spread(self.start, (copies, copies), state))
-        self._make_pool = jax.jit(self._pool, out_shardings=NamedSharding(self.mesh, copies))
+        self.layout = state = TrainState(**lie | {"env_state": split})
+        step, start = partial(self.step, axis_name=AXIS), partial(self.start, axis_name=AXIS)
+        collect, update = (partial(part, axis_name=AXIS) for part in (self.collect_part, self.update_part))
+        self.iterate = jax.jit(self.spread(step, (state, copies), (state, copies)), donate_argnums=0)
+        self.collect = jax.jit(self.spread(collect, (state, copies), (state, windows, copies)))
+        self.update = jax.jit(self.spread(update, (state, windows), (state, copies)))
+        self._init = jax.jit(self.spread(start, (copies, copies), state))
+        self._make_pool = jax.jit(self.pool, out_shardings=NamedSharding(self.mesh, copies))
 
-    def _spread(self, part: Callable, in_specs: Any, out_specs: Any) -> Callable:
+    def spread(self, part: Callable, in_specs: Any, out_specs: Any) -> Callable:
         """A part that runs on every device of the mesh with its share of the data."""
-        return spread(partial(part, axis_name=AXIS), self.mesh, in_specs, out_specs)
+        return spread(part, self.mesh, in_specs, out_specs)
 
     # Called from outside -------------------------------------------------------------------------------------------
 
@@ -115,10 +118,14 @@ class Trainer:
 
     def make_pool(self, iteration: int) -> Any:
         """The scenes of an iteration; they depend on the seed and ``iteration // pool_refresh`` alone."""
-        draw = jp.asarray(iteration // self.config.ppo.pool_refresh, jp.int32)
-        return self._make_pool(jax.random.PRNGKey(self.config.seed), draw)
+        return self._make_pool(jax.random.PRNGKey(self.config.seed), self.pool_number(iteration))
 
-    def _pool(self, key: jax.Array, draw: jax.Array) -> Any:
+    def pool_number(self, iteration: int) -> jax.Array:
+        """() int32: which of the seed's pools an iteration resets into."""
+        return jp.asarray(iteration // self.config.ppo.pool_refresh, jp.int32)
+
+    def pool(self, key: jax.Array, draw: jax.Array) -> Any:
+        """The pool of a number, from the seed's key."""
         return self.env.make_pool(jax.random.fold_in(jax.random.fold_in(key, _POOL), draw), self.config.ppo.pool_size)
 
     # What runs on one device; without an axis name, plain functions to vmap over seeds --------------------------------

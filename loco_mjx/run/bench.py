@@ -14,6 +14,7 @@ from loco_mjx.config import Config, preset
 from loco_mjx.env import LocoEnv, autoreset
 from loco_mjx.errors import UserError
 from loco_mjx.mesh import AXIS, make_mesh, spread
+from loco_mjx.ppo.seeds import SeedsTrainer
 from loco_mjx.ppo.train import Trainer
 from loco_mjx.run import machine
 from loco_mjx.timing import Rolling, seconds_per_call
@@ -104,6 +105,38 @@ def bench_train(config: Config, seconds: float) -> Result:
         "collect_seconds": collect,
         "learn_seconds": iteration - collect,
         "compilations": trainer.iterate._cache_size(),  # type: ignore[attr-defined]
+    }
+
+
+def bench_seeds(config: Config, seconds: float, seeds: int) -> Result:
+    """Samples per second of several seeds in one program, and of one seed by itself: `single`.
+
+    Args:
+        config: what to measure.
+        seconds: to measure each of the two for, at least.
+        seeds: how many train together, 1 or more.
+    """
+    trainer = Trainer(config, LocoEnv(config.env), make_mesh())
+    samples = config.ppo.samples_per_iteration
+    single = _iterations(trainer, samples, seconds)
+    together = _iterations(SeedsTrainer(trainer, range(seeds)), seeds * samples, seconds)
+    ratio = together["per_second"] / single["per_second"]
+    about = {"unit": "samples", "policy": config.policy, "seeds": seeds}
+    return together | about | {"single": single, "times_in_a_row": ratio}
+
+
+def _iterations(learner: Any, samples: int, seconds: float) -> Result:
+    """Speed of a learner's iterations, of so many samples each."""
+    begin = time.monotonic()
+    state, pool = learner.init(), learner.make_pool(0)
+    state, _ = jax.block_until_ready(learner.iterate(state, pool))
+    first = time.monotonic() - begin
+    iteration = seconds_per_call(Rolling(lambda state: learner.iterate(state, pool)[0], state), seconds)
+    return {
+        "per_second": samples / iteration,
+        "iteration_seconds": iteration,
+        "compile_seconds": max(first - iteration, 0.0),
+        "compilations": learner.iterate._cache_size(),
     }
 
 

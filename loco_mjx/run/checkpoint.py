@@ -51,7 +51,7 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config)
     Args:
         directory: the run's.
         step: samples trained so far.
-        state: a pytree of arrays, the full state of training.
+        state: a pytree of arrays that this process holds whole, the full state of training.
         policy: a pytree of arrays, what evaluation needs.
         config: the run's configuration.
 
@@ -79,8 +79,29 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config)
     return final
 
 
+def whole_steps(directory: Path, say: Callable[[str], None], item: str = STATE) -> list[int]:
+    """The steps of a run's checkpoints that are not damaged, newest first; `say` is told about the others."""
+    problems = {step: damage(path_of(directory, step), item) for step in steps(directory)}
+    for problem in filter(None, problems.values()):
+        say(problem)
+    return [step for step, problem in problems.items() if problem is None]
+
+
+def drop_after(directory: Path, step: int) -> None:
+    """Removes the checkpoints beyond a step, for a run that goes back to it together with others."""
+    for newer in steps(directory):
+        if newer > step:
+            _take_away(path_of(directory, newer))
+    _prune(directory)
+
+
 def restore(
-    directory: Path, template: Any, config: Config, say: Callable[[str], None], item: str = STATE
+    directory: Path,
+    template: Any,
+    config: Config,
+    say: Callable[[str], None],
+    item: str = STATE,
+    at: int | None = None,
 ) -> tuple[Any, int] | None:
     """Reads the newest checkpoint that is whole.
 
@@ -90,6 +111,7 @@ def restore(
         config: the run's configuration.
         say: told about checkpoints that were passed over.
         item: STATE or POLICY.
+        at: read the checkpoint of this step and no other.
 
     Returns:
         What was saved and the samples trained by then; None if there is no checkpoint.
@@ -98,7 +120,7 @@ def restore(
         UserError: if a checkpoint is of another configuration, or all of them are damaged.
     """
     problems: list[str] = []
-    for step in steps(directory):
+    for step in steps(directory) if at is None else [at]:
         checkpoint = path_of(directory, step)
         problem = damage(checkpoint, item)
         if problem is None:
@@ -145,10 +167,19 @@ def _check_config(checkpoint: Path, config: Config) -> None:
             )
 
 
-def _write_trees(folder: Path, trees: dict[str, Any]) -> None:
+def _checkpointer() -> Any:
+    """Orbax's; of several processes each works by itself: the first one writes everything, and all read everything."""
     import orbax.checkpoint as ocp
 
-    with _quiet(), ocp.StandardCheckpointer() as checkpointer:
+    if jax.process_count() == 1:
+        return ocp.StandardCheckpointer()
+    me = jax.process_index()
+    alone = ocp.options.MultiprocessingOptions(me, active_processes={me}, barrier_sync_key_prefix=f"process{me}")
+    return ocp.StandardCheckpointer(multiprocessing_options=alone)
+
+
+def _write_trees(folder: Path, trees: dict[str, Any]) -> None:
+    with _quiet(), _checkpointer() as checkpointer:
         for name, tree in trees.items():
             checkpointer.save((folder / name).absolute(), _by_name(tree))
             checkpointer.wait_until_finished()
@@ -161,7 +192,7 @@ def _read_tree(folder: Path, template: Any) -> Any:
     names = list(_by_name(template, empty=True))
     target = jax.tree.map(ocp.utils.to_shape_dtype_struct, _by_name(template))
     try:
-        with _quiet(), ocp.StandardCheckpointer() as checkpointer:
+        with _quiet(), _checkpointer() as checkpointer:
             found = checkpointer.restore(folder.absolute(), target)
         return jax.tree.unflatten(structure, [found.get(name, leaf) for name, leaf in zip(names, leaves, strict=True)])
     except (ValueError, KeyError, TypeError) as error:
@@ -188,11 +219,14 @@ def _name(path: Any) -> str:
 def _prune(directory: Path) -> None:
     """Removes older checkpoints, and what kills have left behind. A name is taken away before the content."""
     for step in steps(directory)[KEEP:]:
-        old = path_of(directory, step)
-        old.rename(old.with_name(_OLD + old.name))
+        _take_away(path_of(directory, step))
     for prefix in (_PARTIAL, _OLD):
         for leftover in (directory / CHECKPOINTS).glob(prefix + "*"):
             shutil.rmtree(leftover, ignore_errors=True)
+
+
+def _take_away(checkpoint: Path) -> None:
+    checkpoint.rename(checkpoint.with_name(_OLD + checkpoint.name))
 
 
 def _files(folder: Path) -> Iterator[Path]:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import math
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import jax
+import numpy as np
 
 from loco_mjx.config import Config
 from loco_mjx.errors import UserError
-from loco_mjx.run import checkpoint, machine
-from loco_mjx.run.logger import SECONDS, Logger
+from loco_mjx.run import checkpoint, hosts, machine
+from loco_mjx.run.logger import SECONDS
 from loco_mjx.run.progress import Reporter
+from loco_mjx.run.record import Record, Row, Run, common_step
 from loco_mjx.run.stop import Stop
 
 Evaluate = Callable[[Any], dict[str, float]]  # from a training state to the deterministic policy's figures
@@ -32,6 +34,31 @@ class Learner(Protocol):
 
     def iterate(self, state: Any, pool: Any) -> tuple[Any, dict[str, jax.Array]]:
         """One iteration: the next state and scalars."""
+
+
+class GroupLearner(Learner, Protocol):
+    """What it needs of :class:`loco_mjx.ppo.seeds.SeedsTrainer`: several runs; an array of each metric, one per run."""
+
+    def split(self, state: Any) -> list[Any]:
+        """Each run's own state."""
+
+    def join(self, parts: list[Any]) -> Any:
+        """The way back."""
+
+
+class Single:
+    """One run's learner as that of a group."""
+
+    def __init__(self, learner: Learner) -> None:
+        self.init, self.make_pool, self.iterate = learner.init, learner.make_pool, learner.iterate
+
+    def split(self, state: Any) -> list[Any]:
+        """The one run's state."""
+        return [state]
+
+    def join(self, parts: list[Any]) -> Any:
+        """The way back."""
+        return parts[0]
 
 
 @dataclass(frozen=True)
@@ -67,89 +94,126 @@ def run(
     reporter: Reporter,
     evaluate: Evaluate | None = None,
 ) -> Outcome:
-    """Trains until `total_steps`, from the newest checkpoint of the directory if there is one.
+    """Trains one run until `total_steps`, from the newest checkpoint of the directory if there is one.
 
     The directory is claimed, and its configuration written, by the caller.
 
     Raises:
         UserError: if its checkpoints cannot be used or the disk cannot be written.
     """
-    with Stop(reporter.say) as stop:
-        state, samples = _begin(learner, config, directory, reporter)
-        logger = Logger(directory, samples)
-        try:
-            return _Loop(learner, config, directory, options, reporter, evaluate, logger, stop).run(state, samples)
-        finally:
-            logger.close()
+    evaluations = [] if evaluate is None else [evaluate]
+    return run_group(Single(learner), [Run(config, directory)], options, reporter, evaluations)
 
 
-def _begin(learner: Learner, config: Config, directory: Path, reporter: Reporter) -> tuple[Any, int]:
+def run_group(
+    learner: GroupLearner,
+    runs: Sequence[Run],
+    options: LoopOptions,
+    reporter: Reporter,
+    evaluations: Sequence[Evaluate],
+) -> Outcome:
+    """Trains runs side by side, from the newest step that all of them have a checkpoint of.
+
+    A run that diverges leaves its last checkpoint and is no longer written; the others go on.
+
+    Args:
+        learner: of all of them.
+        runs: in the learner's order; they differ in seed alone.
+        options: when to save and to evaluate.
+        reporter: shows all runs' samples together, and means over the runs.
+        evaluations: one for each run, or none.
+
+    Raises:
+        UserError: if their checkpoints cannot be used or the disk cannot be written; at the end, if one diverged.
+    """
+    with Stop(reporter.say) as stop, contextlib.ExitStack() as files:
+        state, samples = _begin(learner, runs, reporter)
+        records = [Record(run, samples) for run in runs]
+        for record in records:
+            files.callback(record.close)
+        return _Loop(learner, records, options, reporter, evaluations, stop).run(state, samples)
+
+
+def _begin(learner: GroupLearner, runs: Sequence[Run], reporter: Reporter) -> tuple[Any, int]:
+    at = None if len(runs) == 1 else common_step(runs, reporter.say)
     state = learner.init()
-    restored = checkpoint.restore(directory, state, config, reporter.say)
-    if restored is None:
+    if at == 0:
         return state, 0
-    reporter.say(f"resuming at {restored[1]:,} samples")
-    return restored
-
-
-def policy_of(state: Any) -> checkpoint.Policy:
-    """The part of a training state that acts."""
-    return {"params": state.params, "normalizer": state.normalizer}
+    found = [
+        checkpoint.restore(run.directory, part, run.config, reporter.say, at=at)
+        for run, part in zip(runs, learner.split(state), strict=True)
+    ]
+    samples = found[0][1] if found[0] else 0
+    if len(set(hosts.gathered(samples // runs[0].config.ppo.samples_per_iteration).tolist())) > 1:
+        raise UserError(f"processes see different checkpoints in {runs[0].directory}; a shared file system is needed")
+    parts = [restored[0] for restored in found if restored is not None]
+    if not parts:
+        return state, 0
+    if at is not None and hosts.is_first():
+        for run in runs:
+            checkpoint.drop_after(run.directory, at)
+    reporter.say(f"resuming at {samples:,} samples")
+    return learner.join(parts), samples
 
 
 class _Loop:
     def __init__(
         self,
-        learner: Learner,
-        config: Config,
-        directory: Path,
+        learner: GroupLearner,
+        records: Sequence[Record],
         options: LoopOptions,
         reporter: Reporter,
-        evaluate: Evaluate | None,
-        logger: Logger,
+        evaluations: Sequence[Evaluate],
         stop: Stop,
     ) -> None:
-        self.learner, self.config, self.directory, self.options = learner, config, directory, options
-        self.reporter, self.evaluate, self.logger, self.stop = reporter, evaluate, logger, stop
-        self.per_iteration = config.ppo.samples_per_iteration
-        self.spent = logger.seconds  # over all starts
+        self.learner, self.records, self.options = learner, records, options
+        self.reporter, self.evaluations, self.stop = reporter, evaluations, stop
+        self.ppo = records[0].run.config.ppo
+        self.per_iteration = self.ppo.samples_per_iteration  # of one run
+        self.spent = records[0].seconds  # over all starts
         self.warned = False
 
     def run(self, state: Any, samples: int) -> Outcome:
         saved, saved_at = samples, time.monotonic()
-        iteration = samples // self.per_iteration
+        iteration = first = samples // self.per_iteration
         pool = None
-        first = iteration
-        while iteration < self.config.ppo.iterations and self.stop.signal is None:
-            if pool is None or iteration % self.config.ppo.pool_refresh == 0:
+        if samples == 0 and len(self.records) > 1:  # where all stand together if a kill meets the first checkpoints
+            self._save(state, 0)
+        _, signal = hosts.agreed(False, self.stop.signal)
+        while iteration < self.ppo.iterations and signal is None:
+            if pool is None or iteration % self.ppo.pool_refresh == 0:
                 pool = self.learner.make_pool(iteration)
             state = self._iterate(state, pool, iteration)
             iteration += 1
             self._say_age(iteration - first)
             samples = iteration * self.per_iteration
-            if time.monotonic() - saved_at >= 60 * self.options.checkpoint_minutes:
+            due = time.monotonic() - saved_at >= 60 * self.options.checkpoint_minutes
+            due, signal = hosts.agreed(due, self.stop.signal)
+            if due:
                 self._save(state, samples)
                 saved, saved_at = samples, time.monotonic()
         if samples != saved:
             self._save(state, samples)
-        return Outcome(samples, self.stop.signal)
+        self._tell_of_problems()
+        return Outcome(samples, signal)
 
     def _iterate(self, state: Any, pool: Any, iteration: int) -> Any:
         start = time.monotonic()
         state, metrics = self.learner.iterate(state, pool)
-        row = {name: float(value) for name, value in jax.device_get(metrics).items()}
+        rows = _rows(jax.device_get(metrics), len(self.records))
         seconds = time.monotonic() - start
-        self._refuse_divergence(row, iteration * self.per_iteration)
-        if row.get("episodes") == 0:  # means over no episodes are not zero, they are not there
-            row = {name: value for name, value in row.items() if not name.startswith("episode/")}
+        samples = (iteration + 1) * self.per_iteration
+        self._refuse_divergence(rows, iteration * self.per_iteration)
         rate = self.per_iteration / seconds
         if self._due(iteration + 1):
-            assert self.evaluate is not None
-            row |= {f"eval/{name}": value for name, value in self.evaluate(state).items()}
+            for row, evaluate, part in zip(rows, self.evaluations, self.learner.split(state), strict=True):
+                row |= {f"eval/{name}": value for name, value in evaluate(part).items()}
         self.spent += time.monotonic() - start
-        samples = (iteration + 1) * self.per_iteration
-        self.logger.write(samples, row | {SECONDS: self.spent, "time/samples_per_second": rate})
-        self.reporter.update(samples, rate, row)
+        going = [(record, row) for record, row in zip(self.records, rows, strict=True) if record.problem is None]
+        for record, row in going:
+            record.write(samples, row | {SECONDS: self.spent, "time/samples_per_second": rate})
+        count = len(self.records)
+        self.reporter.update(samples * count, rate * count, _means([row for _, row in going]))
         return state
 
     def _say_age(self, done: int) -> None:
@@ -157,24 +221,52 @@ class _Loop:
         if age is not None:
             self.reporter.say(f"first iteration done {age:.0f} s after the command")
 
-    def _refuse_divergence(self, row: dict[str, float], samples: int) -> None:
-        """Ends a run whose loss is no number before a checkpoint keeps it; whose environments broke are told of."""
-        broken = [name for name, value in row.items() if name.startswith("loss/") and not math.isfinite(value)]
-        if broken:
-            raise UserError(
-                f"training diverged after {samples:,} samples ({broken[0]} is {row[broken[0]]}); "
-                f"{self.directory} keeps the last checkpoint: lower ppo.learning-rate and use another --out"
-            )
-        if row.get("nonfinite") and not self.warned:
+    def _refuse_divergence(self, rows: Sequence[Row], samples: int) -> None:
+        """Ends runs whose loss is no number before a checkpoint keeps it; whose environments broke are told of."""
+        for record, row in zip(self.records, rows, strict=True):
+            if record.problem is None and not record.check(row, samples) and len(self.records) > 1:
+                self.reporter.say(f"{record.problem}; the other seeds go on")
+        if all(record.problem for record in self.records):
+            self._tell_of_problems()
+        broken = sum(row.get("nonfinite", 0.0) for row in rows)
+        if broken and not self.warned:
             self.warned = True
-            self.reporter.say(f"{row['nonfinite']:.0f} non-finite states were contained; metrics.csv counts them")
+            self.reporter.say(f"{broken:.0f} non-finite states were contained; metrics.csv counts them")
+
+    def _tell_of_problems(self) -> None:
+        problems = [record.problem for record in self.records if record.problem is not None]
+        if problems:
+            raise UserError("; ".join(problems))
 
     def _due(self, done: int) -> bool:
         """Whether to evaluate after this many iterations: the first, then at even distances, then the last."""
-        if self.evaluate is None or not self.options.evaluations:
+        if not self.evaluations or not self.options.evaluations:
             return False
-        every = max(1, round(self.config.ppo.iterations / self.options.evaluations))
-        return done in (1, self.config.ppo.iterations) or done % every == 0
+        every = max(1, round(self.ppo.iterations / self.options.evaluations))
+        return done in (1, self.ppo.iterations) or done % every == 0
 
     def _save(self, state: Any, samples: int) -> None:
-        checkpoint.save(self.directory, samples, state, policy_of(state), self.config)
+        for record, part in zip(self.records, self.learner.split(state), strict=True):
+            if record.problem is None:
+                record.save(samples, part)
+
+
+def _rows(metrics: Mapping[str, Any], count: int) -> list[Row]:
+    """Each run's metrics, from one value of each or an array of (runs,).
+
+    Means over no episodes are not zero, they are not there.
+    """
+    rows = [{name: float(np.ravel(value)[i]) for name, value in metrics.items()} for i in range(count)]
+    return [
+        {name: value for name, value in row.items() if row.get("episodes") != 0 or not name.startswith("episode/")}
+        for row in rows
+    ]
+
+
+def _means(rows: Sequence[Row]) -> Row:
+    """The mean of each metric over the runs that have it."""
+    values: dict[str, list[float]] = {}
+    for row in rows:
+        for name, value in row.items():
+            values.setdefault(name, []).append(value)
+    return {name: sum(found) / len(found) for name, found in values.items()}

@@ -18,9 +18,9 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def shards(*sizes: int, limit: int | None = None) -> int:
-    """The most devices, up to `limit` (default: the cores), over which every size divides."""
-    common = math.gcd(*sizes) or 1
+def shards(*sizes: int, limit: int | None = None, processes: int = 1) -> int:
+    """The most devices of one of several processes, up to `limit` (default: the cores), over which all sizes divide."""
+    common = math.gcd(*sizes) // processes or 1
     most = cores() if limit is None else limit
     return max(n for n in range(1, max(most, 1) + 1) if common % n == 0)
 

@@ -1,23 +1,27 @@
-"""From a configuration and a directory to a training run: everything that may be refused is refused before writing."""
+"""From configurations and directories to training runs: everything that may be refused is refused before writing."""
 
 from __future__ import annotations
 
+import contextlib
+import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 from rich.console import Console
 
-from loco_mjx.config import Config
-from loco_mjx.run import about, checkpoint, directory, loop
+from loco_mjx.config import Config, to_dict
+from loco_mjx.run import about, checkpoint, directory, hosts, loop
 from loco_mjx.run.progress import Reporter
+from loco_mjx.run.record import Run, common_step
 from loco_mjx.run.summary import print_summary
 
 EVALUATION_SEED = 1_000_000  # added to the run's seed: the same scenes at every evaluation of a run
 
 
 def build(config: Config) -> Any:
-    """The trainer of a configuration, over all local devices.
+    """The trainer of a configuration, over all devices: this host's, or those of all processes of the run.
 
     Raises:
         UserError: if sizes do not divide over the devices, or a name is unknown.
@@ -29,49 +33,69 @@ def build(config: Config) -> Any:
     return Trainer(config, LocoEnv(config.env), make_mesh())
 
 
-def evaluator(config: Config, trainer: Any, options: loop.LoopOptions) -> loop.Evaluate:
-    """What the loop calls to see how the deterministic policy does."""
+def evaluators(runs: Sequence[Run], trainer: Any, options: loop.LoopOptions) -> list[loop.Evaluate]:
+    """What the loop calls to see how each run's deterministic policy does; none where it is not to."""
+    if not options.evaluations:
+        return []
     from loco_mjx.env import LocoEnv
     from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, means
 
-    env_config = evaluation_config(config.env)
+    env_config = evaluation_config(runs[0].config.env)
     program = Evaluator(LocoEnv(env_config), trainer.networks, env_config.horizon, trainer.mesh)
-    seed = (config.seed + EVALUATION_SEED) % 2**31
 
-    def evaluate(state: Any) -> dict[str, float]:
-        return means(program.run(state.params, state.normalizer, seed, options.evaluation_episodes))
+    def evaluator(config: Config) -> loop.Evaluate:
+        seed = (config.seed + EVALUATION_SEED) % 2**31
+        return lambda state: means(program.run(state.params, state.normalizer, seed, options.evaluation_episodes))
 
-    return evaluate
+    return [evaluator(run.config) for run in runs]
 
 
-def train(config: Config, path: Path, options: loop.LoopOptions, console: Console, command: list[str]) -> loop.Outcome:
-    """Trains, or goes on training, in a directory.
+def train(runs: Sequence[Run], options: loop.LoopOptions, console: Console, command: list[str]) -> loop.Outcome:
+    """Trains runs that differ in seed alone, or goes on training, all in one program.
 
     Args:
-        config: what to train; of a run found in the directory only `total_steps` may differ.
-        path: the run's directory.
+        runs: what to train, and where; of those found in their directories only `total_steps` may differ.
         options: when to save and to evaluate.
         console: for the table and the progress.
         command: the command line, for the record.
 
     Raises:
-        UserError: if the run cannot start; nothing is written then.
+        UserError: if they cannot start; nothing is written then.
     """
-    found = directory.find(path)
-    if found is not None:
-        directory.reconcile(path, found, config)
+    for run in runs:
+        found = directory.find(run.directory)
+        if found is not None:
+            directory.reconcile(run.directory, found, run.config)
+    config = runs[0].config
+    hosts.check_same(json.dumps(to_dict(config)), "configuration")
     trainer = build(config)
-    with directory.claim(path):
-        done = next(iter(checkpoint.steps(path)), 0)
-        directory.record_start(path, config, about.about(command) | {"samples": done})
-        parameters = count_parameters(trainer, config)
-        print_summary(console, config, about.devices(), parameters)
-        reporter = Reporter(console, config.ppo.iterations * config.ppo.samples_per_iteration, done)
-        evaluate = evaluator(config, trainer, options) if options.evaluations else None
+    learner = group(trainer, runs)
+    with contextlib.ExitStack() as claims:
+        done = common_step(runs)
+
+        def begin() -> None:
+            for run in runs:
+                claims.enter_context(directory.claim(run.directory))
+            for run in runs:
+                directory.record_start(run.directory, run.config, about.about(command) | {"samples": done})
+
+        hosts.on_first(begin)
+        seeds = [run.config.seed for run in runs]
+        print_summary(console, config, about.devices(), count_parameters(trainer, config), seeds)
+        reporter = Reporter(console, len(runs) * total(config), len(runs) * done)
         try:
-            return loop.run(trainer, config, path, options, reporter, evaluate)
+            return loop.run_group(learner, runs, options, reporter, evaluators(runs, trainer, options))
         finally:
             reporter.close()
+
+
+def group(trainer: Any, runs: Sequence[Run]) -> loop.GroupLearner:
+    """A configuration's trainer as the learner of one run or of several."""
+    if len(runs) == 1:
+        return loop.Single(trainer)
+    from loco_mjx.ppo.seeds import SeedsTrainer
+
+    return SeedsTrainer(trainer, [run.config.seed for run in runs])
 
 
 def count_parameters(trainer: Any, config: Config) -> int:
@@ -84,6 +108,11 @@ def count_parameters(trainer: Any, config: Config) -> int:
     return sum(leaf.size for leaf in jax.tree.leaves(params))
 
 
+def total(config: Config) -> int:
+    """Samples that a run trains on."""
+    return config.ppo.iterations * config.ppo.samples_per_iteration
+
+
 def finished(path: Path, config: Config) -> bool:
     """Whether the run in a directory has nothing left to train."""
-    return next(iter(checkpoint.steps(path)), 0) >= config.ppo.iterations * config.ppo.samples_per_iteration
+    return next(iter(checkpoint.steps(path)), 0) >= total(config)

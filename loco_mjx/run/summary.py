@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
@@ -11,7 +12,9 @@ from rich.table import Table
 from loco_mjx.config import Config
 
 
-def print_summary(console: Console, config: Config, devices: dict[str, Any], parameters: int) -> None:
+def print_summary(
+    console: Console, config: Config, devices: dict[str, Any], parameters: int, seeds: Sequence[int]
+) -> None:
     """Prints the active parts of a configuration.
 
     Args:
@@ -19,15 +22,17 @@ def print_summary(console: Console, config: Config, devices: dict[str, Any], par
         config: the run's.
         devices: what :func:`loco_mjx.run.about.devices` returned.
         parameters: number of the networks' parameters.
+        seeds: that train side by side.
     """
-    table = Table(title=f"{config.policy} on {config.env.task}, seed {config.seed}", title_justify="left")
+    seed = f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"
+    table = Table(title=f"{config.policy} on {config.env.task}, {seed}", title_justify="left")
     table.add_column("part")
     table.add_column("name")
     table.add_column("size or weight", justify="right")
     groups = (
         ("observation", observations(config)),
         ("reward", rewards(config)),
-        ("training", sizes(config, devices, parameters)),
+        ("training" if len(seeds) == 1 else "training, each", sizes(config, devices, parameters)),
     )
     for part, rows in groups:
         for i, (name, value) in enumerate(rows):

@@ -238,3 +238,19 @@ def test_a_broken_pose_stays_in_range() -> None:
         for broken in (jp.nan, jp.inf):
             image = np.asarray(see(world, jp.full(7, broken)))
             assert np.isfinite(image).all() and image.min() >= CONFIG.near and image.max() <= CONFIG.far
+
+
+def test_seeds_of_frames_are_the_same_frames():
+    """Two nested vmaps, as in training several seeds: every frame is what it is alone, crowded or not."""
+    config = DepthConfig(height=8, width=8)
+    rows = [
+        [(2.0, 0.1 * i, 0.3, 0.2, 0.2, 0.3, 0.2 * i), (3.0, 0.0, 0.3, 0.1, 0.1, 0.3 * (i % 2), 0.0)] for i in range(6)
+    ]
+    scenes = [make_scene(boxes=row) for row in rows]
+    qpos = jp.array([[0.05 * i, 0.0, 0.27, 1.0, 0.0, 0.0, 0.0] for i in range(6)], jp.float32)
+    single = jax.jit(partial(render, config=config))
+    expected = np.stack([single(scene, pose) for scene, pose in zip(scenes, qpos, strict=True)])
+    grid = jax.tree.map(lambda *leaves: jp.stack(leaves).reshape(2, 3, *leaves[0].shape), *scenes)
+    found = jax.jit(jax.vmap(jax.vmap(partial(render, config=config))))(grid, qpos.reshape(2, 3, 7))
+    np.testing.assert_allclose(found.reshape(expected.shape), expected, atol=1e-5)
+    assert len(np.unique(expected.reshape(6, -1), axis=0)) > 3

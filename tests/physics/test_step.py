@@ -193,3 +193,28 @@ def test_no_lapack():
     start = jax.tree.map(lambda x: jp.stack([x] * BATCH), (initial_state(standing()), scene(), nominal_dynamics()))
     lowered = stepper(ENOUGH).lower(start[0], start[1], jp.zeros((BATCH, 12)), start[2])
     assert "lapack" not in lowered.as_text()
+
+
+def _shapes(jaxpr):
+    """Of everything that a program and the programs within it compute, but for what only rearranges."""
+    for equation in jaxpr.eqns:
+        if equation.primitive.name not in ("reshape", "broadcast_in_dim", "custom_vmap_call"):
+            yield from (variable.aval.shape for variable in equation.outvars)
+        for inner in jax.tree.leaves(list(equation.params.values()), is_leaf=lambda x: hasattr(x, "eqns")):
+            inner = getattr(inner, "jaxpr", inner)
+            if hasattr(inner, "eqns"):
+                yield from _shapes(inner)
+
+
+def test_seeds_of_environments_are_one_larger_batch():
+    """Two nested vmaps compute with all environments on the last axis: no loop over seeds, no axis of their own."""
+
+    def step(state, scene):
+        targets, dynamics = jp.asarray(still(1)[0]), nominal_dynamics()
+        return control_step(physics((1, 1)), state, scene, targets, dynamics)
+
+    one = (initial_state(standing()), scene())
+    nested = jax.tree.map(lambda x: jp.broadcast_to(x, (5, 7, *jp.shape(x))), one)
+    shapes = list(_shapes(jax.make_jaxpr(jax.vmap(jax.vmap(step)))(*nested).jaxpr))
+    assert sum(shape[-1:] == (35,) for shape in shapes) > 1000
+    assert not [shape for shape in shapes if 5 in shape and 7 in shape]

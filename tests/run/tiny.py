@@ -13,6 +13,7 @@ from jax.sharding import Mesh
 
 from loco_mjx.config import Config, EnvConfig, NetworkConfig, PPOConfig
 from loco_mjx.mesh import make_mesh
+from loco_mjx.ppo.seeds import SeedsTrainer
 from loco_mjx.ppo.train import Trainer
 
 HORIZON = 10
@@ -84,6 +85,16 @@ def tiny_trainer(config: Config) -> Trainer:
 @cache
 def _trainer(config: Config) -> Trainer:
     return Trainer(config, TinyEnv(), mesh())
+
+
+def tiny_seeds(config: Config, seeds: tuple[int, ...]) -> SeedsTrainer:
+    """The learner of several seeds; as above, one for runs that differ in length alone."""
+    return _seeds(tiny_trainer(dataclasses.replace(config, seed=0)), seeds)
+
+
+@cache
+def _seeds(trainer: Trainer, seeds: tuple[int, ...]) -> SeedsTrainer:
+    return SeedsTrainer(trainer, seeds)
 
 
 class Interrupted:

@@ -1,0 +1,115 @@
+"""What one run leaves in its directory while it trains: rows of its curves, and checkpoints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from loco_mjx.config import Config
+from loco_mjx.errors import UserError
+from loco_mjx.run import checkpoint, hosts
+from loco_mjx.run.logger import Logger
+
+Row = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run and where it lies."""
+
+    config: Config
+    directory: Path
+
+
+class Record:
+    """Writes a run's curves and checkpoints; of several processes the first one writes.
+
+    Attributes:
+        run: whose.
+        problem: why it cannot go on, or None.
+    """
+
+    def __init__(self, run: Run, samples: int) -> None:
+        """Opens the curves at the step the run starts or resumes from.
+
+        Raises:
+            UserError: without write access.
+        """
+        self.run, self.problem = run, None
+        self._logger = Logger(run.directory, samples) if hosts.is_first() else None
+
+    problem: str | None
+
+    @property
+    def seconds(self) -> float:
+        """Time trained so far, over all starts."""
+        return self._logger.seconds if self._logger else 0.0
+
+    def write(self, samples: int, row: Row) -> None:
+        """Appends a row to the curves."""
+        if self._logger is not None:
+            self._logger.write(samples, row)
+
+    def save(self, samples: int, state: Any) -> None:
+        """Writes a checkpoint of the whole state, wherever its parts lie; every process is to call it.
+
+        Raises:
+            UserError: if the disk is full or not writable.
+        """
+        state = hosts.whole(state)
+        if self._logger is not None:
+            checkpoint.save(self.run.directory, samples, state, policy_of(state), self.run.config)
+
+    def close(self) -> None:
+        """Closes the files."""
+        if self._logger is not None:
+            self._logger.close()
+
+    def check(self, row: Row, samples: int) -> bool:
+        """Whether the run may go on; one whose loss is no number may not, lest a checkpoint keeps it."""
+        broken = [name for name, value in row.items() if name.startswith("loss/") and not math.isfinite(value)]
+        if broken and self.problem is None:
+            self.problem = (
+                f"training diverged after {samples:,} samples ({broken[0]} is {row[broken[0]]}); "
+                f"{self.run.directory} keeps the last checkpoint: lower ppo.learning-rate and use another --out"
+            )
+        return self.problem is None
+
+
+def policy_of(state: Any) -> checkpoint.Policy:
+    """The part of a training state that acts."""
+    return {"params": state.params, "normalizer": state.normalizer}
+
+
+def common_step(runs: Sequence[Run], say: Callable[[str], None] = lambda text: None) -> int:
+    """The newest step of which all runs have a whole checkpoint; 0 if none has trained.
+
+    Args:
+        runs: to be trained together.
+        say: told of damaged checkpoints that were passed over.
+
+    Raises:
+        UserError: if there is none, naming what is damaged, or where each run stands.
+    """
+    if len(runs) == 1:  # which may go on from any; restoring it says what is damaged
+        return next(iter(checkpoint.steps(runs[0].directory)), 0)
+    problems: list[str] = []
+    stand = {run.directory: checkpoint.whole_steps(run.directory, problems.append) for run in runs}
+    if not problems and not any(max(steps, default=0) for steps in stand.values()):
+        return 0
+    shared = set.intersection(*(set(steps) for steps in stand.values()))
+    if shared:
+        for problem in problems:
+            say(problem)
+        return max(shared)
+    newest = ", ".join(f"{path.name} at {max(steps, default=0):,}" for path, steps in stand.items())
+    raise UserError(
+        "; ".join(
+            [*problems, f"the seeds in {runs[0].directory.parent} have no whole checkpoint at the same number of"]
+        )
+        + f" samples ({newest}); train those that lag behind by themselves (--seed, or a --seeds of those that stand "
+        "together), or use another --out"
+    )
