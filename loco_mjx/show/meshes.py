@@ -73,7 +73,9 @@ def _heightfield(model: mujoco.MjModel, index: int) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, np.concatenate([lower, upper]), process=False)
 
 
-def by_body(model: mujoco.MjModel, apart: set[int]) -> dict[int, list[tuple[str, trimesh.Trimesh, tuple[int, int, int]]]]:
+def by_body(
+    model: mujoco.MjModel, apart: set[int]
+) -> dict[int, list[tuple[str, trimesh.Trimesh, tuple[int, int, int]]]]:
     """What is seen of each body: name, triangles and colour, one piece per colour.
 
     Args:

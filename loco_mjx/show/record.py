@@ -75,9 +75,7 @@ def record(
                 frames += 1
             if figure is not None and index in chosen:
                 eyes = [painter.eye(moment, kind) for kind in ((False, True) if attention else (False,))]
-                pictures.append(
-                    (index * a1.CONTROL_DT, painter.view(moment), [eye for eye in eyes if eye is not None])
-                )
+                pictures.append((index * a1.CONTROL_DT, painter.view(moment), [eye for eye in eyes if eye is not None]))
     if figure is not None:
         names = ("depth", "attention")[: len(pictures[0][2])]
         rows = [("view", [view for _, view, _ in pictures])]

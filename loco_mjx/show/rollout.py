@@ -153,5 +153,3 @@ class Rollout:
             done=bool(state.done),
         )
         return self._moment
-
-

@@ -58,6 +58,6 @@ class Follower:
         if self._place is None or moment.step == 0:
             self._place = target
         self._place = self._place + SMOOTHING * (target - self._place)
-        self.camera.lookat[:] = [*moment.qpos[:2], self._place[2]] + np.array([0.5, 0.0, 0.0])
+        self.camera.lookat[:] = [moment.qpos[0] + 0.5, moment.qpos[1], self._place[2]]
         self.camera.azimuth = math.degrees(math.atan2(self._place[4], self._place[3])) + 12.0
         return self.camera

@@ -194,7 +194,6 @@ class Viewer:
             self.rollout = self.rollout.with_agent(agent)
             return
         self._status.content = f"compiling {self.task}: up to a minute"
-        self.rollout = None
         rollout = Rollout(agent, config)
         rollout.reset(self.seed)
         rollout.step()  # compiles
