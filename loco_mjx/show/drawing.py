@@ -8,7 +8,7 @@ import numpy as np
 
 from loco_mjx.config import DepthConfig
 
-INSET = 0.4  # width of the inset, of the view's
+INSET = 0.32  # width of the inset, of the view's
 MARGIN = 0.02  # between inset and border, of the view's width
 STRONGEST = 0.75  # opacity of the most attended place
 
@@ -64,7 +64,7 @@ def enlarge(image: np.ndarray, rows: int, columns: int) -> np.ndarray:
 
 
 def inset_box(view: tuple[int, int], ratio: float) -> tuple[slice, slice]:
-    """Rows and columns of the inset in a view of (rows, columns): at the lower left.
+    """Rows and columns of the inset in a view of (rows, columns): at the upper left, where the robot is not.
 
     Args:
         view: size of the view.
@@ -73,11 +73,11 @@ def inset_box(view: tuple[int, int], ratio: float) -> tuple[slice, slice]:
     width = round(INSET * view[1])
     height = min(round(width / ratio), view[0])
     margin = min(round(MARGIN * view[1]), view[0] - height)
-    return slice(view[0] - margin - height, view[0] - margin), slice(margin, margin + width)
+    return slice(margin, margin + height), slice(margin, margin + width)
 
 
 def with_inset(view: np.ndarray, image: np.ndarray, ratio: float) -> np.ndarray:
-    """A copy of a view with an image at its lower left, in a white frame."""
+    """A copy of a view with an image at its upper left, in a white frame."""
     rows, columns = inset_box(view.shape[:2], ratio)
     out = view.copy()
     out[max(rows.start - 1, 0) : rows.stop + 1, max(columns.start - 1, 0) : columns.stop + 1] = 255

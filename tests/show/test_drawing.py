@@ -57,14 +57,14 @@ def test_near_is_bright():
     assert picture[0, 0] > picture[0, 1] == picture[0, 2]
 
 
-def test_inset_is_at_the_lower_left_and_the_rest_untouched():
+def test_inset_is_at_the_upper_left_and_the_rest_untouched():
     view = np.zeros((180, 320, 3), np.uint8)
     image = np.zeros((64, 64, 3), np.uint8)
     image[:32, 32:] = (255, 0, 0)  # its upper right
     out = drawing.with_inset(view, image, drawing.aspect(DEPTH))
     rows, columns = drawing.inset_box((180, 320), drawing.aspect(DEPTH))
-    assert (rows.stop, columns.start, columns.stop - columns.start) == (174, 6, 128)
-    assert rows.stop - rows.start == 80  # 128 / (tan 42.73° / tan 30°)
+    assert (rows.start, columns.start, columns.stop - columns.start) == (6, 6, 102)
+    assert rows.stop - rows.start == 64  # 102 / (tan 42.73° / tan 30°)
     assert tuple(out[rows.start + 2, columns.stop - 3]) == (255, 0, 0)
     assert not out[rows.stop - 3, columns.stop - 3].any()
     out[rows.start - 1 : rows.stop + 1, columns.start - 1 : columns.stop + 1] = 0
