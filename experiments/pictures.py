@@ -1,4 +1,4 @@
-"""The README's pictures of a trained policy: `python -m experiments.pictures RUN` writes docs/walking.gif, docs/attention.png."""
+"""The README's pictures of a run, docs/walking.gif and docs/attention.png: `python -m experiments.pictures RUN`."""
 
 from __future__ import annotations
 
