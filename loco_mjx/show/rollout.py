@@ -102,6 +102,10 @@ class Rollout:
         self._step = jax.jit(self.env.step)
         self._act = jax.jit(self._decide)
         self.seed, self.episode = 0, 0
+        self._distance = 0.0
+        self._state: Any = None  # these three: of the current moment, from reset on
+        self._action: Any = None
+        self._moment: Moment
 
     def with_agent(self, agent: Agent) -> Rollout:
         """The same compiled environment with another agent."""

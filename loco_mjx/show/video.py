@@ -142,7 +142,7 @@ def strip(rows: list[tuple[str, list[np.ndarray]]], times: list[float], ratio: f
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(2.6 * len(times), 1.75 * len(rows)), layout="constrained")
-    axes = figure.subplots(len(rows), len(times), squeeze=False)
+    axes: Any = figure.subplots(len(rows), len(times), squeeze=False)
     for place, (name, pictures) in enumerate(rows):
         for axis, picture, time in zip(axes[place], pictures, times, strict=True):
             shown = picture.shape[0] / picture.shape[1] * ratio
