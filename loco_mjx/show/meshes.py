@@ -66,7 +66,7 @@ def _heightfield(model: mujoco.MjModel, index: int) -> trimesh.Trimesh:
     half_x, half_y, span, _ = model.hfield_size[index]
     heights = model.hfield_data[start : start + rows * columns] * span
     x = np.tile(np.linspace(-half_x, half_x, columns), rows)
-    y = np.repeat(np.linspace(-half_y, half_y, rows), columns)
+    y: np.ndarray = np.repeat(np.linspace(-half_y, half_y, rows), columns)
     vertices = np.stack([x, y, heights], axis=1)
     corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     lower = np.stack([corner, corner + 1, corner + columns + 1], axis=1)
