@@ -22,6 +22,7 @@ VERBS: dict[str, str] = {
     "bench": "measure the speed of depth, physics, the environment or training",
     "export": "write a policy as a folder that runs without JAX",
     "deploy": "run an exported policy on a robot: C MuJoCo's or a real one",
+    "play": "watch a policy: a video, a figure, or a live viewer in the browser",
     "scene": "write a generated scene as MJCF and as a picture",
 }
 USAGE_ERROR = 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes.util
 import os
 import platform
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +21,6 @@ if TYPE_CHECKING:
 PROG = "loco-mjx scene"
 LARGEST_SEED = 2**32 - 1
 PICTURE = (640, 960)  # rows and columns of the third-person view
-NO_GL = (
-    "--png needs OpenGL, and MuJoCo finds none that it can use here (MUJOCO_GL is {choice}); on Debian or Ubuntu "
-    "install libegl1 libopengl0 libgl1-mesa-dri and leave MUJOCO_GL unset, or do without --png"
-)
 
 
 @dataclass(frozen=True)
@@ -160,6 +155,7 @@ def _third_person(world: Scene) -> np.ndarray:
     import numpy as np
 
     from loco_mjx.scene.mjcf import scene_spec
+    from loco_mjx.show.gl import offscreen
 
     model = scene_spec(world).compile()
     data = mujoco.MjData(model)
@@ -168,11 +164,6 @@ def _third_person(world: Scene) -> np.ndarray:
     camera = mujoco.MjvCamera()
     camera.lookat[:] = data.qpos[:3] + np.array([2.0, 0.0, 0.2])
     camera.distance, camera.azimuth, camera.elevation = 5.0, 8.0, -20.0
-    try:
-        # Without a display, GLFW warns on stderr before it fails.
-        with warnings.catch_warnings(action="ignore"), mujoco.Renderer(model, *PICTURE) as renderer:
-            renderer.update_scene(data, camera)
-            return renderer.render()
-    except Exception:  # each GL library has errors of its own
-        choice = repr(os.environ["MUJOCO_GL"]) if "MUJOCO_GL" in os.environ else "unset"
-        raise UserError(NO_GL.format(choice=choice)) from None
+    with offscreen(model, *PICTURE, "--png") as renderer:
+        renderer.update_scene(data, camera)
+        return renderer.render()

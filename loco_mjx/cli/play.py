@@ -1,0 +1,146 @@
+"""`loco-mjx play`: shows a policy in a video, in a figure, or live in the browser."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from loco_mjx.cli.parse import check_seed, parse
+from loco_mjx.cli.scene import choose_gl
+from loco_mjx.errors import UserError
+
+if TYPE_CHECKING:
+    from loco_mjx.show.rollout import Agent
+
+PROG = "loco-mjx play"
+RATES = (25.0, 12.5, 5.0)  # frames per second that are whole numbers of control steps
+
+
+@dataclass(frozen=True)
+class Options:
+    """Runs a policy by its mean in our own environment and shows it: --video, --figure or --web."""
+
+    directory: tyro.conf.Positional[Path | None] = None
+    """The run's directory; none for --zero and --random."""
+    video: Path | None = None
+    """File for a video, .mp4 or .gif: the robot from behind, its depth image as an inset."""
+    figure: Path | None = None
+    """File for a strip of moments, .png or .svg: view, depth and, with --attention, attention."""
+    web: bool = False
+    """Open a live viewer for the browser, until Ctrl-C."""
+    task: str | None = None
+    """Task to run on; None: the one it was trained on, or thin."""
+    seed: int = 0
+    """Of the scene; the first episode is the first of `loco-mjx evaluate` with this seed."""
+    seconds: float = 10.0
+    """Simulated time to film."""
+    attention: bool = False
+    """Draw the last layer's attention of the state token over the depth image."""
+    zero: bool = False
+    """Hold the default pose instead of running a policy."""
+    random: bool = False
+    """Act at random instead of running a policy."""
+    width: int = 640
+    """Of the video, pixels; it is 16:9."""
+    fps: float = 25.0
+    """Frames per second of the video: 25, 12.5 or 5."""
+    columns: int = 5
+    """Moments in the figure."""
+    overwrite: bool = False
+    """Replace files that exist."""
+    host: str = "127.0.0.1"
+    """Address that the viewer listens on; 0.0.0.0 lets everyone in."""
+    port: int = 8080
+    """Port that the viewer listens on."""
+
+
+def main(args: Sequence[str]) -> int:
+    """Runs the command.
+
+    Raises:
+        UserError: before anything is computed or written, if something is wrong.
+    """
+    options = parse(Options, args, PROG)
+    choose_gl()  # before anything imports MuJoCo
+    from loco_mjx.run import machine
+
+    machine.set_up()
+    check(options)
+    agent = _agent(options)
+    if options.web:
+        from loco_mjx.show import web
+
+        web.serve(agent, agent.env_config(options.task).task, options.seed, options.host, options.port)
+        return 0
+    _film(options, agent)
+    return 0
+
+
+def check(options: Options) -> None:
+    """Refuses what cannot be done.
+
+    Raises:
+        UserError: naming what is wrong and what is accepted.
+    """
+    from loco_mjx.scene.tasks import get_task
+    from loco_mjx.show import video
+
+    check_seed(options.seed)
+    if options.video is None and options.figure is None and not options.web:
+        raise UserError("nothing to show; accepted: --video FILE.mp4 or .gif, --figure FILE.png, or --web")
+    if options.web and (options.video is not None or options.figure is not None):
+        raise UserError("--web does not film; accepted: --web alone, or --video and --figure")
+    if options.zero and options.random:
+        raise UserError("--zero and --random are two agents; accepted: one of them")
+    if options.directory is None and not (options.zero or options.random):
+        raise UserError("no policy to show; accepted: the directory of a run, --zero or --random")
+    if not 0 < options.seconds <= 600:
+        raise UserError(f"seconds is {options.seconds}; accepted: more than 0, up to 600")
+    if not 64 <= options.width <= 1920:
+        raise UserError(f"width is {options.width}; accepted: 64 to 1920")
+    if options.fps not in RATES:
+        raise UserError(f"fps is {options.fps}; accepted: {', '.join(map(str, RATES))}")
+    if not 1 <= options.columns <= 20:
+        raise UserError(f"columns is {options.columns}; accepted: 1 to 20")
+    if options.task is not None:
+        get_task(options.task)
+    for path, suffixes in ((options.video, video.VIDEOS), (options.figure, video.FIGURES)):
+        if path is not None:
+            video.check_output(path, suffixes, options.overwrite)
+
+
+def _agent(options: Options) -> Agent:
+    from loco_mjx.evaluation.policy import load_policy
+    from loco_mjx.show.rollout import Agent
+
+    policy = load_policy(options.directory) if options.directory is not None else None
+    return Agent("zero" if options.zero else "random" if options.random else "policy", policy)
+
+
+def _film(options: Options, agent: Agent) -> None:
+    from loco_mjx.show.record import record
+    from loco_mjx.show.rollout import Rollout
+
+    rollout = Rollout(agent, agent.env_config(options.task))
+    every = round(RATES[0] / options.fps)
+    done = record(
+        rollout,
+        options.seed,
+        options.seconds,
+        options.video,
+        options.figure,
+        options.attention,
+        options.width,
+        every,
+        options.columns,
+    )
+    for path in (options.video, options.figure):
+        if path is not None:
+            print(f"wrote {path} ({path.stat().st_size // 1024} KB)")
+    for step, distance in done.ends:
+        print(f"an episode ended after {step} steps, {distance:.2f} m; another scene followed")
+    print(f"{agent.kind} on {rollout.config.task}: {done.distance:.2f} m in the episode shown last")

@@ -1,0 +1,159 @@
+"""An episode in our own environment, step by step, with what the agent saw and where it looked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jp
+import numpy as np
+
+from loco_mjx.config import Config, EnvConfig, preset
+from loco_mjx.depth.encoding import decode
+from loco_mjx.env import LocoEnv
+from loco_mjx.errors import UserError
+from loco_mjx.evaluation.episodes import evaluation_config
+from loco_mjx.evaluation.policy import TrainedPolicy, observation_shapes
+from loco_mjx.networks import hold
+from loco_mjx.networks.policies import DEPTH
+from loco_mjx.ppo.collect import policy_input
+from loco_mjx.scene.types import Scene
+
+Kind = Literal["policy", "zero", "random"]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One control step, as it is drawn.
+
+    Attributes:
+        qpos: (19,) configuration of the robot.
+        scene: the world, obstacles where they are now.
+        depth: (H, W) m, the newest frame of the observation; None where the environment has no camera.
+        attention: (N·N,) of the state token to the visual tokens on this observation; None for agents without.
+        episode: its number in this rollout.
+        step: of the episode, control steps.
+        distance: m covered in the episode so far, as evaluation counts it.
+        done: whether the episode has ended here; the next step begins another.
+    """
+
+    qpos: np.ndarray
+    scene: Scene
+    depth: np.ndarray | None
+    attention: np.ndarray | None
+    episode: int
+    step: int
+    distance: float
+    done: bool
+
+
+class Agent:
+    """What acts: a trained policy's mean, the default pose (zero), or noise."""
+
+    def __init__(self, kind: Kind, policy: TrainedPolicy | None = None) -> None:
+        """Takes a policy for kind "policy"; the others need none, and stand in the policy's environment if it is given.
+
+        Raises:
+            UserError: if a policy is asked for and there is none.
+        """
+        if kind == "policy" and policy is None:
+            raise UserError("there is no policy to run; accepted: the directory of a run, or the zero or random agent")
+        self.kind, self.policy = kind, policy if kind == "policy" else None
+        self._config: Config = policy.config if policy is not None else preset("fast")
+        self.hold = self.policy.networks.hold if self.policy is not None else 1
+
+    def env_config(self, task: str | None = None) -> EnvConfig:
+        """The environment to act in: the policy's own or the default, without randomisation."""
+        return evaluation_config(self._config.env, task)
+
+    @property
+    def attends(self) -> bool:
+        """Whether there is attention from a state token to draw."""
+        if self.policy is None:
+            return False
+        shapes = observation_shapes(self.policy.config)
+        obs = {name: jax.ShapeDtypeStruct(shape, jp.float32) for name, shape in shapes.items()}
+        apply = self.policy.networks.apply
+        return jax.eval_shape(lambda obs: apply(self.policy.params, obs), obs).attention is not None  # type: ignore[union-attr]
+
+    def act(self, obs: dict[str, jax.Array], key: jax.Array, size: int) -> tuple[jax.Array, jax.Array | None]:
+        """(size,) action in [−1, 1], and the attention if there is any."""
+        if self.kind == "zero":
+            return jp.zeros(size), None
+        if self.policy is None:
+            return jax.random.uniform(key, (size,), minval=-1.0, maxval=1.0), None  # action = +U(−1, 1)
+        outputs = self.policy.networks.apply(self.policy.params, policy_input(obs, self.policy.normalizer))
+        return jp.tanh(outputs.mean), outputs.attention
+
+
+class Rollout:
+    """Episodes one after another; episode i of a seed is the one `loco-mjx evaluate` runs as its i-th."""
+
+    def __init__(self, agent: Agent, config: EnvConfig) -> None:
+        """Builds the environment; programs compile on first use.
+
+        Raises:
+            UnknownNameError: if the task is unknown.
+        """
+        self.agent, self.config = agent, config
+        self.env = LocoEnv(config)
+        self._reset = jax.jit(self.env.reset)
+        self._step = jax.jit(self.env.step)
+        self._act = jax.jit(self._decide)
+        self.seed, self.episode = 0, 0
+        self._distance = 0.0
+        self._state: Any = None  # these three: of the current moment, from reset on
+        self._action: Any = None
+        self._moment: Moment
+
+    def with_agent(self, agent: Agent) -> Rollout:
+        """The same compiled environment with another agent."""
+        other = Rollout(agent, self.config)
+        other.env, other._reset, other._step = self.env, self._reset, self._step
+        return other
+
+    def reset(self, seed: int) -> Moment:
+        """Begins the seed's first episode."""
+        self.seed, self.episode = seed, 0
+        return self._begin()
+
+    def step(self) -> Moment:
+        """One control step; after an episode's end, the first moment of the next one in another scene."""
+        if self._moment.done:
+            self.episode += 1
+            return self._begin()
+        self._state = self._step(self._state, self._action)
+        self._distance += float(self._state.metrics["distance"])
+        return self._look()
+
+    def _begin(self) -> Moment:
+        key = jax.random.fold_in(jax.random.PRNGKey(self.seed), self.episode)
+        start, self._key = jax.random.split(key)
+        self._state = self._reset(start)
+        self._held, self._distance = self._state.obs.get(DEPTH), 0.0
+        return self._look()
+
+    def _decide(self, obs: Any, held: Any, step: jax.Array, key: jax.Array) -> tuple[jax.Array, Any, Any]:
+        held = held if self.agent.hold > 1 else None
+        seen = hold.view(obs, held, step % self.agent.hold == 0)
+        action, attention = self.agent.act(seen, jax.random.fold_in(key, step), self.env.action_size)
+        return action, attention, seen.get(DEPTH)
+
+    def _look(self) -> Moment:
+        state = self._state
+        step = state.info["steps"]
+        self._action, attention, self._held = self._act(state.obs, self._held, step, self._key)
+        frames = state.obs.get(DEPTH)
+        world = state.pipeline_state
+        self._moment = Moment(
+            qpos=np.asarray(world.physics.qpos, np.float64),
+            scene=world.scene,
+            depth=None if frames is None else np.asarray(decode(frames[..., 0])),
+            attention=None if attention is None else np.asarray(attention),
+            episode=self.episode,
+            step=int(step),
+            distance=self._distance,
+            done=bool(state.done),
+        )
+        return self._moment

@@ -1,0 +1,158 @@
+"""A rollout as a video, and as a figure of a few of its moments."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_mjx import a1
+from loco_mjx.config import DepthConfig
+from loco_mjx.errors import UserError
+from loco_mjx.show import drawing, gl
+from loco_mjx.show.rollout import Moment, Rollout
+from loco_mjx.show.stage import Follower, Stage
+
+RATE = round(1 / a1.CONTROL_DT)  # control steps per second
+VIDEOS, FIGURES = (".mp4", ".gif"), (".png", ".svg")
+# One palette for the whole film, and no dither: what stands still costs nothing.
+GIF = ["-filter_complex", "split[a][b];[a]palettegen=max_colors=96[p];[b][p]paletteuse=dither=none:diff_mode=rectangle"]
+MP4 = ["-crf", "23", "-movflags", "+faststart"]
+
+
+class Painter:
+    """Draws moments: the robot from behind, and its depth image."""
+
+    def __init__(self, rows: int, columns: int, depth: DepthConfig, what: str) -> None:
+        """Size of the view, the camera's configuration, and the option that asked, for complaints."""
+        self.rows, self.columns, self.depth, self.what = rows, columns, depth, what
+        self._follower, self._episode = Follower(), -1
+        self._open = contextlib.ExitStack()
+
+    def __enter__(self) -> Painter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def view(self, moment: Moment) -> np.ndarray:
+        """(rows, columns, 3) uint8 from behind and above the robot."""
+        if moment.episode != self._episode:
+            self._open.close()
+            self._stage, self._episode = Stage(moment), moment.episode
+            self._renderer = self._open.enter_context(
+                gl.offscreen(self._stage.model, self.rows, self.columns, self.what)
+            )
+        self._stage.pose(moment)
+        self._renderer.update_scene(self._stage.data, self._follower.follow(moment))
+        return self._renderer.render()
+
+    def eye(self, moment: Moment, attention: bool) -> np.ndarray | None:
+        """(H, W, 3) uint8 of the depth image, under the attention if asked for; None without a camera."""
+        if moment.depth is None:
+            return None
+        if attention and moment.attention is not None:
+            return drawing.overlay(moment.depth, moment.attention, self.depth)
+        return drawing.depth_picture(moment.depth, self.depth)
+
+    def frame(self, moment: Moment, attention: bool) -> np.ndarray:
+        """The view with the depth image as its inset."""
+        view, eye = self.view(moment), self.eye(moment, attention)
+        return view if eye is None else drawing.with_inset(view, eye, drawing.aspect(self.depth))
+
+
+def moments(rollout: Rollout, seed: int, count: int) -> Iterator[Moment]:
+    """`count` moments from a seed's first one on, episode after episode."""
+    for index in range(count):
+        yield rollout.step() if index else rollout.reset(seed)
+
+
+def check_attention(rollout: Rollout) -> None:
+    """Refuses to draw attention where there is none.
+
+    Raises:
+        UserError: saying which agents have it.
+    """
+    if not rollout.agent.attends:
+        agent = rollout.agent.policy.config.policy if rollout.agent.policy is not None else rollout.agent.kind
+        raise UserError(
+            f"'{agent}' has no attention from a state token to visual tokens; --attention needs a loco-transformer "
+            "with network.layers of 1 or more"
+        )
+
+
+def check_output(path: Path, suffixes: tuple[str, ...], overwrite: bool) -> None:
+    """Refuses a file that cannot be written, before anything is computed.
+
+    Raises:
+        UserError: naming what is wrong with it.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise UserError(f"'{path}' ends in '{path.suffix}'; accepted: {', '.join(suffixes)}")
+    if path.is_dir():
+        raise UserError(f"'{path}' is a directory; accepted: the name of a file")
+    if not path.parent.is_dir():
+        raise UserError(f"there is no directory '{path.parent}' to write '{path.name}' into")
+    if path.exists() and not overwrite:
+        raise UserError(f"'{path}' exists; choose another name, or --overwrite it")
+
+
+@contextlib.contextmanager
+def writer(path: Path, rows: int, columns: int, fps: float) -> Iterator[Callable[[np.ndarray], Any]]:
+    """Gives a function that adds a (rows, columns, 3) frame; the file appears whole, when all are written."""
+    import imageio_ffmpeg
+
+    partial = path.with_name(f".partial-{path.name}")
+    gif = path.suffix.lower() == ".gif"
+    film = imageio_ffmpeg.write_frames(
+        str(partial),
+        (columns, rows),
+        fps=fps,
+        codec="gif" if gif else "libx264",
+        pix_fmt_out="pal8" if gif else "yuv420p",
+        macro_block_size=2,
+        output_params=GIF if gif else MP4,
+        quality=None,
+        ffmpeg_log_level="error",
+    )
+    try:
+        film.send(None)
+        yield lambda frame: film.send(np.ascontiguousarray(frame))
+        film.close()
+        partial.replace(path)
+    except OSError as error:
+        raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
+    finally:
+        film.close()
+        partial.unlink(missing_ok=True)
+
+
+def strip(rows: list[tuple[str, list[np.ndarray]]], times: list[float], ratio: float, path: Path) -> None:
+    """Writes a figure: a column per moment, a row per kind of picture.
+
+    Args:
+        rows: name and pictures of each row.
+        times: of the moments, s.
+        ratio: width over height of what is not the first row's.
+        path: file, .png or .svg.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(2.6 * len(times), 1.75 * len(rows)), layout="constrained")
+    axes: Any = figure.subplots(len(rows), len(times), squeeze=False)
+    for place, (name, pictures) in enumerate(rows):
+        for axis, picture, time in zip(axes[place], pictures, times, strict=True):
+            shown = picture.shape[0] / picture.shape[1] * ratio
+            axis.imshow(picture, aspect="equal" if place == 0 else 1 / shown)
+            axis.set_xticks([])
+            axis.set_yticks([])
+            if place == 0:
+                axis.set_title(f"{time:.1f} s", fontsize=9)
+        axes[place][0].set_ylabel(name, fontsize=9)
+    try:
+        figure.savefig(path, dpi=110)
+    except OSError as error:
+        raise UserError(f"cannot write '{path}': {error.strerror or error}") from error

@@ -1,0 +1,117 @@
+"""The viewer in a real browser; Chromium has to be installed (.ci/run does)."""
+
+from __future__ import annotations
+
+import ctypes.util
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+from loco_mjx.show.rollout import Agent
+from loco_mjx.show.web import Viewer
+
+CHROMIUM = shutil.which("chromium")
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+FLAGS += ["--disable-component-update", "--disable-sync"]
+PATIENCE = 120.0  # s, beyond which something hangs
+
+
+def until(condition):
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, "nothing happened"
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def viewer():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    viewer = Viewer(Agent("zero"), "thin", 3, port=port)
+    viewer.port = port
+    thread = threading.Thread(target=viewer.run, daemon=True)
+    thread.start()
+    yield viewer
+    viewer.close()
+    thread.join(PATIENCE)
+    assert not thread.is_alive()
+
+
+@pytest.fixture
+def page(viewer, tmp_path):
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine: apt-get install chromium")
+    api = pytest.importorskip("playwright.sync_api")
+    with api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch_persistent_context(
+            tmp_path, executable_path=CHROMIUM, headless=True, args=FLAGS
+        )
+        page = browser.pages[0]
+        page.set_default_timeout(1000 * PATIENCE)
+        page.goto(f"http://127.0.0.1:{viewer.port}")
+        yield page
+        browser.close()
+
+
+def test_the_page_shows_and_steers_the_episode(viewer, page):
+    page.get_by_role("button", name="Pause").wait_for()
+    assert page.locator("canvas").count() >= 1
+    until(lambda: viewer.rollout is not None and viewer.steps > 2)
+    page.get_by_text("episode 0,").wait_for()  # what the server says reaches the page
+
+    page.get_by_role("button", name="Pause").click()
+    until(lambda: viewer.paused)
+    page.get_by_role("button", name="Resume").wait_for()
+    stood = viewer.steps
+    page.get_by_role("button", name="Step", exact=True).click()
+    until(lambda: viewer.steps != stood)
+    assert viewer.steps == stood + 1 and viewer.paused
+
+    image = page.locator("img[src^='blob:']").first
+    image.wait_for()
+    drawn = np.frombuffer(imageio.imread(image.screenshot()).tobytes(), np.uint8)
+    assert drawn.std() > 10  # a picture of depth, not a blank
+
+    page.get_by_role("button", name="Reset").click()
+    until(lambda: viewer.steps == 0)
+    before = np.array(viewer._moment.scene.boxes.center)
+    seed = page.get_by_label("Seed")
+    seed.fill("8")
+    seed.press("Enter")
+    until(lambda: viewer.seed == 8 and viewer.steps == 0 and viewer._moment.step == 0)
+    until(lambda: not np.array_equal(before, np.array(viewer._moment.scene.boxes.center)))
+
+    viewer.ask(lambda: viewer.choose(task="no such task"))
+    page.get_by_text("unknown task").wait_for()
+    viewer.ask(lambda: viewer.choose(task="thin"))
+    page.get_by_text("episode 0,").wait_for()
+
+
+def test_a_taken_port_is_one_line(viewer):
+    from loco_mjx.errors import UserError
+
+    with pytest.raises(UserError, match=f"cannot listen on 127.0.0.1:{viewer.port}.*choose another --port"):
+        Viewer(Agent("zero"), "thin", 0, port=viewer.port)
+
+
+@pytest.mark.skipif(not ctypes.util.find_library("EGL"), reason="no EGL: apt-get install libegl1 libgl1-mesa-dri")
+def test_a_video_and_a_figure_from_end_to_end(tmp_path):
+    """In a process of its own, for MuJoCo picks its OpenGL when it is imported."""
+    film, figure = tmp_path / "a.gif", tmp_path / "a.png"
+    words = ["--zero", "--seconds", "0.4", "--width", "160", "--columns", "2"]
+    command = [sys.executable, "-m", "loco_mjx.cli.main", "play", *words, "--video", str(film), "--figure", str(figure)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if "needs OpenGL" in done.stderr:
+        pytest.skip("EGL is here, but no device that it can use")
+    assert done.returncode == 0, done.stderr
+    frames = imageio.imread(film)
+    assert frames.shape[:3] == (10, 90, 160)  # seconds × 25, 16:9
+    assert frames[0, :40].std() > 10 and imageio.imread(figure).std() > 10
