@@ -21,6 +21,7 @@ VERBS: dict[str, str] = {
     "curves": "draw training and evaluation curves over seeds from a directory of runs",
     "bench": "measure the speed of depth, physics, the environment or training",
     "export": "write a policy as a folder that runs without JAX",
+    "simcheck": "run an exported policy in C MuJoCo and in MJX and compare",
     "deploy": "run an exported policy on a robot: C MuJoCo's or a real one",
     "scene": "write a generated scene as MJCF and as a picture",
 }
