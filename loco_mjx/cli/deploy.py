@@ -77,10 +77,12 @@ def from_file(path: Path) -> tuple[Any, None]:
     Raises:
         UserError: if the file is missing or no MJCF.
     """
-    import mujoco
-
     if not path.is_file():
         raise UserError(f"there is no scene '{path}'; `loco-mjx scene --out {path}` writes one")
+    try:
+        import mujoco
+    except ModuleNotFoundError as error:
+        raise UserError("--robot mujoco needs mujoco: pip install mujoco") from error
     try:
         return mujoco.MjModel.from_xml_path(str(path)), None
     except ValueError as error:
@@ -93,8 +95,12 @@ def generated(task: str, seed: int) -> tuple[Any, Callable[[Any, Any], None] | N
     Raises:
         UnknownNameError: if there is no task of that name.
     """
-    from loco_mjx.scene.tasks import get_task
-
+    try:
+        from loco_mjx.scene.tasks import get_task
+    except ModuleNotFoundError as error:
+        raise UserError(
+            f"generating a scene needs {error.name}: pip install 'loco-mjx[train]', or give --scene FILE.xml"
+        ) from error
     chosen = get_task(task)
     from loco_mjx.run import machine
 

@@ -25,6 +25,11 @@ VERBS: dict[str, str] = {
     "deploy": "run an exported policy on a robot: C MuJoCo's or a real one",
     "scene": "write a generated scene as MJCF and as a picture",
 }
+# Packages that an installation may lack, by the extra that brings them.
+EXTRAS: dict[str, str] = {"onnxruntime": "deploy", "onnx": "export", "pyrealsense2": "a1"} | dict.fromkeys(
+    ("jax", "jaxlib", "flax", "optax", "brax", "mujoco", "orbax", "rich", "tensorboardX", "matplotlib", "imageio"),
+    "train",
+)
 USAGE_ERROR = 2
 INTERRUPTED = 130
 
@@ -69,7 +74,13 @@ def _run(words: list[str]) -> int:
     verb, rest = words[0], words[1:]
     if verb not in VERBS:
         raise UnknownNameError("command", verb, VERBS)
-    code = importlib.import_module(f"loco_mjx.cli.{verb}").main(rest)
+    try:
+        code = importlib.import_module(f"loco_mjx.cli.{verb}").main(rest)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRAS:
+            raise
+        raise UserError(f"loco-mjx {verb} needs {package}: pip install 'loco-mjx[{EXTRAS[package]}]'") from error
     return code or 0
 
 
