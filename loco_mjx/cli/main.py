@@ -80,7 +80,7 @@ def _run(words: list[str]) -> int:
         package = (error.name or "").partition(".")[0]
         if package not in EXTRAS:
             raise
-        raise UserError(f"loco-mjx {verb} needs {package}: pip install 'loco-mjx[{EXTRAS[package]}]'") from error
+        raise UserError(f"{verb} needs {package}: pip install 'loco-mjx[{EXTRAS[package]}]'") from error
     return code or 0
 
 
