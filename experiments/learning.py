@@ -53,17 +53,15 @@ def train(run: Run, directory: Path) -> None:
 def standing_still(directory: Path) -> dict[str, float]:
     """The means over the same episodes of a policy whose every parameter is zero: it holds the default pose."""
     import jax
-    import numpy as np
-    from jax.sharding import Mesh
 
     from loco_mjx.env import LocoEnv
     from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, means
     from loco_mjx.evaluation.policy import load_policy
-    from loco_mjx.ppo.train import AXIS
+    from loco_mjx.mesh import make_mesh
 
     policy = load_policy(directory)
     config = evaluation_config(policy.config.env)
-    program = Evaluator(LocoEnv(config), policy.networks, config.horizon, Mesh(np.array(jax.local_devices()), (AXIS,)))
+    program = Evaluator(LocoEnv(config), policy.networks, config.horizon, make_mesh())
     params = jax.tree.map(jax.numpy.zeros_like, policy.params)
     return means(program.run(params, policy.normalizer, seed=0, episodes=EPISODES))
 

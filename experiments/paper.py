@@ -1,7 +1,8 @@
 """The paper's experiments as data, and the command that runs them: ``python -m experiments.paper``, or `make paper`.
 
 It goes on where it stopped, and ends with the tables and the curves. `--scale 0.01` is the same at a hundredth of the
-samples. Below a scale of 0.001 nothing is learnt any more: one seed and two episodes then show that every part runs.
+samples. Below a scale of 0.001 nothing is learnt any more, and nearly all of the time is compilation: what is left then
+shows that every part runs, with every task, every policy and every ablation once instead of in all combinations.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from rich.console import Console
 from loco_mjx.cli import curves, table
 from loco_mjx.compare import launch, paper
 from loco_mjx.compare.cells import Cell, Plan
+from loco_mjx.compare.launch import Launcher, Local
 from loco_mjx.compare.variant import Variant
 from loco_mjx.errors import UserError
 
@@ -25,7 +27,9 @@ POLICIES = tuple(paper.POLICIES.values())
 SEEDS = (0, 1, 2, 3, 4)
 SAMPLES = 15_000_000
 EPISODES = 100
-SMOKE_SCALE = 0.001  # below it only one seed and two episodes
+SMOKE_SCALE = 0.001  # below it only one seed, two short episodes, and none while training
+SMOKE_EPISODES = 2
+SMOKE_OPTIONS = ("--env.horizon", "100", "--evaluations", "0")
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,7 @@ class Experiment:
         seeds: of each.
         samples: environment steps of each run.
         episodes: of each evaluation.
+        options: words of `loco-mjx train` beside these.
     """
 
     name: str
@@ -53,15 +58,18 @@ class Experiment:
     seeds: tuple[int, ...] = SEEDS
     samples: int = SAMPLES
     episodes: int = EPISODES
+    options: tuple[str, ...] = ()
 
     def scaled(self, scale: float) -> Experiment:
         """The same with another number of samples."""
         smaller = dataclasses.replace(self, samples=max(1, math.ceil(self.samples * scale)))
-        return smaller if scale >= SMOKE_SCALE else dataclasses.replace(smaller, seeds=self.seeds[:1], episodes=2)
+        if scale >= SMOKE_SCALE:
+            return smaller
+        return dataclasses.replace(smaller, seeds=self.seeds[:1], episodes=SMOKE_EPISODES, options=SMOKE_OPTIONS)
 
     def cells(self, out: Path) -> list[Cell]:
         """Its runs."""
-        plan = Plan(out, self.preset, self.samples, self.eval_tasks, self.episodes)
+        plan = Plan(out, self.preset, self.samples, self.eval_tasks, self.episodes, self.options)
         return plan.cells(self.tasks, self.variants, self.seeds)
 
 
@@ -95,7 +103,32 @@ def cells_of(names: list[str], out: Path, scale: float, preset: str | None = Non
         raise UserError(f"unknown experiment '{unknown[0]}'; accepted: {', '.join(known)}")
     chosen = [known[name].scaled(scale) for name in names or known]
     chosen = [dataclasses.replace(one, preset=preset or one.preset) for one in chosen]
-    return sorted((cell for one in chosen for cell in one.cells(out)), key=lambda cell: cell.seed)
+    cells = sorted((cell for one in chosen for cell in one.cells(out)), key=lambda cell: cell.seed)
+    return cells if scale >= SMOKE_SCALE else once_each(cells)
+
+
+def once_each(cells: list[Cell]) -> list[Cell]:
+    """The fewest that have every task and every variant: the paper's own policy on every task, the others on one."""
+    seen: set[object] = set()
+    kept = []
+    for cell in sorted(cells, key=lambda cell: cell.variant != paper.POLICIES["Ours"]):
+        if not {cell.task, cell.variant} <= seen:
+            seen |= {cell.task, cell.variant}
+            kept.append(cell)
+    return [cell for cell in cells if cell in kept]
+
+
+def launcher(name: str) -> Launcher:
+    """Where the runs go; a Ray cluster is found as `loco-mjx sweep` finds it.
+
+    Raises:
+        UserError: if Ray is asked for and missing.
+    """
+    if name == "local":
+        return Local()
+    from loco_mjx.compare.ray_launcher import OnRay
+
+    return OnRay()
 
 
 def main() -> int:
@@ -107,12 +140,13 @@ def main() -> int:
     parser.add_argument(
         "--out", type=Path, default=None, help="directory; none: runs/paper, with the scale in its name"
     )
+    parser.add_argument("--launcher", choices=("local", "ray"), default="local", help="where runs go")
     parser.add_argument("--dry-run", action="store_true", help="only show what would run, and how long")
     options = parser.parse_args()
     out = options.out or Path("runs", "paper" if options.scale == 1 else f"paper-{options.scale:g}")
     try:
         cells = cells_of(options.names, out, options.scale, options.preset)
-        result = launch.sweep(cells, Console(), dry=options.dry_run)
+        result = launch.sweep(cells, Console(), launcher(options.launcher), options.dry_run)
         if not options.dry_run and (result.ran or result.skipped):
             table.main([str(out)])
             curves.main([str(out)])

@@ -270,15 +270,17 @@ def to_dict(config: Any) -> dict[str, Any]:
 def from_dict(kind: type, values: dict[str, Any]) -> Any:
     """Rebuilds a configuration from :func:`to_dict`'s output.
 
+    A missing key, one that a later version brought, takes its default: a new key's default is what was done before.
+
     Raises:
-        UserError: on a key that the configuration does not have, or one that is missing.
+        UserError: on a key that the configuration does not have.
     """
     import typing
 
     hints = typing.get_type_hints(kind)
     names = {f.name for f in dataclasses.fields(kind)}
-    if set(values) != names:
-        raise UserError(f"{kind.__name__}: keys {sorted(set(values) ^ names)} do not match this version's")
+    if not names >= set(values):
+        raise UserError(f"{kind.__name__} has no keys {sorted(set(values) - names)} in this version")
     built = {}
     for name, value in values.items():
         hint = hints[name]

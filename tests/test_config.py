@@ -60,5 +60,11 @@ def test_environments_must_divide_over_the_devices():
 def test_keys_of_another_version_are_named():
     values = config_lib.to_dict(Config())
     values["ppo"]["clip_range"] = values["ppo"].pop("clip")
-    with pytest.raises(UserError, match=r"PPOConfig: keys .'clip', 'clip_range'. do not match"):
+    with pytest.raises(UserError, match=r"PPOConfig has no keys .'clip_range'. in this version"):
         config_lib.from_dict(Config, values)
+
+
+def test_keys_that_an_older_version_did_not_have_take_their_defaults():
+    values = config_lib.to_dict(dataclasses.replace(Config(), seed=3))
+    del values["network"]["hold"], values["env"]["observation"]["depth"]["noise"]
+    assert config_lib.from_dict(Config, values) == dataclasses.replace(Config(), seed=3)

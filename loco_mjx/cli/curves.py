@@ -21,6 +21,8 @@ class Options:
     """Directory of the runs, however deep."""
     out: Path | None = None
     """Directory for TASK.png and TASK.svg; None: curves/ in that of the runs."""
+    mixed_versions: bool = False
+    """Accept runs trained with different versions of loco-mjx, MuJoCo or JAX."""
 
 
 def main(args: Sequence[str]) -> int:
@@ -32,7 +34,7 @@ def main(args: Sequence[str]) -> int:
     options = parse(Options, args, PROG)
     from loco_mjx.compare import curves
 
-    files, notes = curves.draw(options.directory, options.out or options.directory / "curves")
+    files, notes = curves.draw(options.directory, options.out or options.directory / "curves", options.mixed_versions)
     for note in notes:
         print(note)
     for path in files:

@@ -14,6 +14,7 @@ from loco_mjx.errors import UserError
 
 if TYPE_CHECKING:
     from loco_mjx.compare.cells import Plan
+    from loco_mjx.compare.launch import Launcher
 
 PROG = "loco-mjx sweep"
 FAILED = 1
@@ -46,8 +47,14 @@ class Options:
     """Parallel environments; None: the preset's."""
     changes: Annotated[tuple[str, ...], tyro.conf.arg(name="set")] = ()
     """Keys of every run's configuration: --set ppo.clip=0.1 env.randomization.enabled=True."""
-    launcher: Literal["local"] = "local"
-    """Where runs go: local is this machine, one after the other, each on all devices."""
+    launcher: Literal["local", "ray"] = "local"
+    """Where runs go: local is this machine, one after the other, each on all devices; ray is a Ray cluster."""
+    ray_address: str | None = None
+    """Of --launcher ray, HOST:PORT; None: $RAY_ADDRESS, else this machine's cluster, else one started for the sweep."""
+    cpus_per_cell: int | None = None
+    """Of --launcher ray, set aside for each run; None: 1 where there are GPUs, else all of the largest node."""
+    gpus_per_cell: float | None = None
+    """Of --launcher ray, set aside for each run; None: 1 where there are any."""
     dry_run: bool = False
     """Only show what would run, and how long."""
 
@@ -70,10 +77,28 @@ def main(args: Sequence[str]) -> int:
     if options.out.exists() and not options.out.is_dir():
         raise UserError(f"{options.out} is a file; choose a directory for the sweep")
     cells = plan(options).cells(tasks, variants, seeds)
-    result = launch.sweep(cells, Console(), dry=options.dry_run)
+    result = launch.sweep(cells, Console(), launcher(options), options.dry_run)
     if not options.dry_run and (result.ran or result.skipped):
         print(f"next: loco-mjx table {options.out}; loco-mjx curves {options.out}")
     return FAILED if result.failed else 0
+
+
+def launcher(options: Options) -> Launcher:
+    """Where the cells run.
+
+    Raises:
+        UserError: if Ray is asked for and missing, or its options are given to another launcher.
+    """
+    if options.launcher == "ray":
+        from loco_mjx.compare.ray_launcher import OnRay
+
+        return OnRay(options.ray_address, options.cpus_per_cell, options.gpus_per_cell)
+    from loco_mjx.compare.launch import Local
+
+    stray = [name for name in ("ray_address", "cpus_per_cell", "gpus_per_cell") if getattr(options, name) is not None]
+    if stray:
+        raise UserError(f"--{stray[0].replace('_', '-')} is of --launcher ray; this is --launcher {options.launcher}")
+    return Local()
 
 
 def plan(options: Options) -> Plan:

@@ -22,7 +22,7 @@ from loco_mjx.run.progress import duration
 PROG = "loco-mjx train"
 PRESET = "fast"
 # Samples per second and core on a CPU, with and without depth, as measured on two cores; for the default budget only.
-CPU_RATE = {True: 350.0, False: 2000.0}
+CPU_RATE = {True: 400.0, False: 4000.0}
 CPU_MINUTES = 20
 
 

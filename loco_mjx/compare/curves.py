@@ -72,20 +72,24 @@ def over_seeds(curves: Sequence[tuple[np.ndarray, np.ndarray]]) -> Curve | None:
     return Curve(grid, values.mean(0), values.std(0), len(curves))
 
 
-def draw(folder: Path, out: Path) -> tuple[list[Path], list[str]]:
+def draw(folder: Path, out: Path, mixed_versions: bool = False) -> tuple[list[Path], list[str]]:
     """Draws one figure per task trained on, a line per policy.
 
     Args:
         folder: of the runs.
         out: directory for TASK.png and TASK.svg.
+        mixed_versions: accept runs trained with different versions.
 
     Returns:
         The files written, and notes on what is missing.
 
     Raises:
-        UserError: if there are no runs, or none with a curve.
+        UserError: if there are no runs, none with a curve, or they cannot be compared.
     """
-    groups = _groups(results.find_runs(folder))
+    runs = results.find_runs(folder)
+    if not mixed_versions:
+        results.check_versions(results.trained_with(runs), "draw those of each version apart")
+    groups = _groups(runs)
     found = {
         task: {label: [over_seeds([read_curve(run, metric) for run in runs]) for _, _, metric in PANELS]
                for label, runs in methods.items()}

@@ -12,7 +12,7 @@ import numpy as np
 from loco_mjx.compare.variant import METHOD_KEYS, Variant, default_keys
 from loco_mjx.config import Config, to_dict
 from loco_mjx.errors import UserError
-from loco_mjx.run.directory import CONFIG, flatten, load_config, read_json
+from loco_mjx.run.directory import CONFIG, INFO, flatten, load_config, read_json
 
 # Packages that what a robot does depends on.
 COMPARED = ("loco-mjx", "mujoco", "mujoco-mjx", "jax")
@@ -132,19 +132,39 @@ def _read(run: Run, path: Path) -> Evaluation | None:
         raise UserError(f"{path} is no evaluation of this version ({error!r}); evaluate the run again") from error
 
 
-def check_versions(evaluations: Sequence[Evaluation]) -> None:
+def trained_with(runs: Sequence[Run]) -> list[tuple[Path, dict[str, str]]]:
+    """The files that say with which versions runs were trained, and those: of each start, if there was more than one.
+
+    Raises:
+        UserError: if a file is damaged or of another version.
+    """
+    found = []
+    for path in [run.path / INFO for run in runs if (run.path / INFO).is_file()]:
+        info = read_json(path)
+        try:
+            found += [(path, dict(start["versions"])) for start in (info, *info.get("resumed", []))]
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise UserError(f"{path} does not say what it ran with ({error!r}); restore it, or remove it") from error
+    return found
+
+
+def check_versions(found: Sequence[tuple[Path, dict[str, str]]], remedy: str) -> None:
     """Refuses results of mixed versions.
+
+    Args:
+        found: files, and the versions of packages that they name.
+        remedy: what to do about it.
 
     Raises:
         UserError: naming the package, its versions and a file of each.
     """
     for package in COMPARED:
-        files = {found.versions.get(package, "unknown"): found.path for found in evaluations}
+        files = {versions.get(package, "unknown"): path for path, versions in found}
         if len(files) > 1:
             (one, here), (other, there) = sorted(files.items())[:2]
             raise UserError(
-                f"results of mixed versions: {package} {one} in {here}, {other} in {there}; evaluate the runs again "
-                "with one version, or accept it with --mixed-versions"
+                f"results of mixed versions: {package} {one} in {here}, {other} in {there}; {remedy}, or accept it "
+                "with --mixed-versions"
             )
 
 

@@ -81,7 +81,8 @@ def fill(folder: Path, mixed_versions: bool = False) -> Findings:
             "`loco-mjx evaluate`"
         )
     if not mixed_versions:
-        results.check_versions(evaluations)
+        versions = [(one.path, one.versions) for one in evaluations]
+        results.check_versions(versions, "evaluate the runs again with one version")
     tables = tuple(_fill_table(table, runs, evaluations) for table in paper.TABLES)
     return Findings(tables, tuple(_overall(runs, evaluations, tables)))
 

@@ -20,6 +20,8 @@ METHOD_KEYS = (
     "network.latent_dim",
     "network.hold",
     "env.action.diagonal",
+    "env.observation.state_frames",
+    "env.observation.displacement",
     "env.observation.depth.frames",
     "env.observation.depth.noise",
 )

@@ -11,22 +11,23 @@ import jax
 import jax.numpy as jp
 import mujoco
 import numpy as np
-from jax.sharding import Mesh, NamedSharding
+from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx import a1
 from loco_mjx.config import DepthConfig
 from loco_mjx.depth import reference
 from loco_mjx.depth.render import render
+from loco_mjx.mesh import AXIS, dividing, make_mesh, spread
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
+from loco_mjx.timing import seconds_per_call
 
 COURSE = 20.0  # m, of tasks without a goal
 PEER_SCENES = 4  # per thread
-AXIS = "shard"
 
 
 def standing_poses(key: jax.Array, scenes: Scene) -> jax.Array:
@@ -58,27 +59,22 @@ def bench_depth(task: str, num_envs: int, seconds: float) -> dict[str, Any]:
     Raises:
         UnknownNameError: if there is no such task.
     """
-    devices = jax.local_devices()
-    devices = devices[: max(n for n in range(1, len(devices) + 1) if num_envs % n == 0)]
+    devices = dividing(num_envs)
     key_scenes, key_poses = jax.random.split(jax.random.PRNGKey(0))
     scenes = make_pool(key_scenes, get_task(task), num_envs)
     poses = jax.jit(standing_poses)(key_poses, scenes)
 
-    mesh = Mesh(np.array(devices), (AXIS,))
+    mesh = make_mesh(devices)
     inputs = jax.device_put((scenes, poses), NamedSharding(mesh, P(AXIS)))
     many = jax.vmap(partial(render, config=DepthConfig()))
-    shared = jax.jit(jax.shard_map(many, mesh=mesh, in_specs=(P(AXIS), P(AXIS)), out_specs=P(AXIS)))
+    shared = jax.jit(spread(many, mesh, P(AXIS), P(AXIS)))
     begin = time.monotonic()
     compiled = shared.lower(*inputs).compile()
     compile_seconds = time.monotonic() - begin
     jax.block_until_ready(compiled(*inputs))
-
-    begin, calls = time.monotonic(), 0
-    while calls < 2 or time.monotonic() - begin < seconds:
-        jax.block_until_ready(compiled(*inputs))
-        calls += 1
+    per_call = seconds_per_call(lambda: compiled(*inputs), seconds)
     return {
-        "per_second": calls * num_envs / (time.monotonic() - begin),
+        "per_second": num_envs / per_call,
         "unit": "frames",
         "compile_seconds": compile_seconds,
         "num_envs": num_envs,

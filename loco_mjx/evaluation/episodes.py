@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
 import jax
@@ -16,10 +15,10 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx.config import EnvConfig
 from loco_mjx.errors import UserError
+from loco_mjx.mesh import AXIS, spread
 from loco_mjx.networks import hold
 from loco_mjx.networks.policies import DEPTH, Networks
 from loco_mjx.ppo.inference import make_inference
-from loco_mjx.ppo.train import AXIS
 
 CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
 ACCELERATOR_CHUNK = 1024
@@ -61,8 +60,7 @@ class Evaluator:
         """
         self.env, self.networks, self.horizon, self.mesh = env, networks, horizon, mesh
         self.deterministic = deterministic
-        shard = partial(jax.shard_map, mesh=mesh, check_vma=False)
-        self._run = jax.jit(shard(self._episodes, in_specs=(P(), P(), P(AXIS)), out_specs=P(AXIS)))
+        self._run = jax.jit(spread(self._episodes, mesh, (P(), P(), P(AXIS)), P(AXIS)))
 
     def run(self, params: Any, normalizer: Any, seed: int, episodes: int) -> Figures:
         """Each metric of each episode, (episodes,); episode i is the same whatever their number.

@@ -6,16 +6,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import jax
-import numpy as np
-from jax.sharding import Mesh
 from rich.table import Table
 
 from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, summarize
 from loco_mjx.evaluation.policy import load_policy
-from loco_mjx.ppo.train import AXIS
+from loco_mjx.mesh import make_mesh
 from loco_mjx.run import about
 from loco_mjx.run.directory import write_json
 from loco_mjx.scene.tasks import get_task
@@ -55,8 +52,7 @@ def evaluate(
     policy = load_policy(directory)
     config = evaluation_config(policy.config.env, task, randomize)
     env = LocoEnv(config)
-    mesh = Mesh(np.array(jax.local_devices()), (AXIS,))
-    program = Evaluator(env, policy.networks, config.horizon, mesh, deterministic=not stochastic)
+    program = Evaluator(env, policy.networks, config.horizon, make_mesh(), deterministic=not stochastic)
     figures = program.run(policy.params, policy.normalizer, seed, episodes)
     result = {
         "run": str(directory),

@@ -130,6 +130,13 @@ class DepthOnly(nn.Module):
         return _outputs(self, config.hidden, policy.mean(-2), value.mean(-2), None)
 
 
+def _visual_vector(depth: jax.Array, width: int) -> jax.Array:
+    """The visual features as one vector (..., width); its layers belong to the module that calls."""
+    visual = DepthEncoder(name="depth_encoder")(depth)
+    visual = visual.reshape(*visual.shape[:-3], -1)  # (..., 1024)
+    return nn.relu(nn.Dense(width, kernel_init=PROJECTION_INIT, name="visual_projection")(visual))
+
+
 class StateDepthConcat(nn.Module):
     """Flattened visual features and state features side by side, into an MLP.
 
@@ -146,9 +153,7 @@ class StateDepthConcat(nn.Module):
         """`state` (..., n) and `pixels/depth` (..., 64, 64, frames) to Outputs."""
         hidden = self.config.hidden
         body = MLP(hidden, name="state_encoder")(obs[STATE])
-        visual = DepthEncoder(name="depth_encoder")(obs[DEPTH])
-        visual = visual.reshape(*visual.shape[:-3], -1)  # (..., 1024)
-        visual = nn.relu(nn.Dense(hidden[-1], kernel_init=PROJECTION_INIT, name="visual_projection")(visual))
+        visual = _visual_vector(obs[DEPTH], hidden[-1])
         features = jp.concatenate([visual, body], axis=-1)
         return _outputs(self, hidden, features, features, None)
 
@@ -172,9 +177,7 @@ class Hierarchical(nn.Module):
     def __call__(self, obs: Observation) -> Outputs:
         """`state` (..., n) and held `pixels/depth` (..., 64, 64, frames) to Outputs."""
         config = self.config
-        visual = DepthEncoder(name="depth_encoder")(obs[DEPTH])
-        visual = visual.reshape(*visual.shape[:-3], -1)  # (..., 1024)
-        visual = nn.relu(nn.Dense(config.hidden[-1], kernel_init=PROJECTION_INIT, name="visual_projection")(visual))
+        visual = _visual_vector(obs[DEPTH], config.hidden[-1])
         command = nn.tanh(nn.Dense(config.latent_dim, kernel_init=PROJECTION_INIT, name="policy_command")(visual))
         body = MLP(config.hidden, name="state_encoder")(obs[STATE])
         low = jp.concatenate([body, command], axis=-1)

@@ -10,11 +10,12 @@ import jax.numpy as jp
 import mujoco
 import mujoco.rollout
 import numpy as np
-from jax.sharding import Mesh, NamedSharding
+from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx import a1
 from loco_mjx.config import PhysicsConfig
+from loco_mjx.mesh import AXIS, dividing, make_mesh, spread
 from loco_mjx.physics.model import PhysicsModel, build
 from loco_mjx.physics.step import PhysicsState, control_step, initial_state, nominal_dynamics
 from loco_mjx.scene.mjcf import scene_spec
@@ -22,11 +23,11 @@ from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
+from loco_mjx.timing import Rolling, seconds_per_call
 
 WINDOW = 10  # control steps in a call
 PEER_SCENES = 8  # per thread
 WIGGLE = 0.3  # rad, of random targets about the default pose
-AXIS = "shard"
 
 
 def _standing(scene: Scene) -> PhysicsState:
@@ -66,28 +67,24 @@ def bench_physics(task: str, num_envs: int, seconds: float, config: PhysicsConfi
     Raises:
         UnknownNameError: if there is no such task.
     """
-    devices = jax.local_devices()
-    devices = devices[: max(n for n in range(1, len(devices) + 1) if num_envs % n == 0)]
+    devices = dividing(num_envs)
     key_scenes, key_targets = jax.random.split(jax.random.PRNGKey(0))
     scenes = make_pool(key_scenes, get_task(task), num_envs)
     model = build(config or PhysicsConfig(), get_task(task).obstacle_slots)
 
-    mesh = Mesh(np.array(devices), (AXIS,))
+    mesh = make_mesh(devices)
     keys = jax.random.split(key_targets, num_envs)
     states, scenes, keys = jax.device_put((jax.vmap(_standing)(scenes), scenes, keys), NamedSharding(mesh, P(AXIS)))
     many = jax.vmap(lambda state, scene, key: _window(model, state, scene, key))
-    shared = jax.jit(jax.shard_map(many, mesh=mesh, in_specs=P(AXIS), out_specs=P(AXIS), check_vma=False))
+    shared = jax.jit(spread(many, mesh, P(AXIS), P(AXIS)))
     begin = time.monotonic()
     compiled = shared.lower(states, scenes, keys).compile()
     compile_seconds = time.monotonic() - begin
-    states, keys = jax.block_until_ready(compiled(states, scenes, keys))
-
-    begin, calls = time.monotonic(), 0
-    while calls < 2 or time.monotonic() - begin < seconds:
-        states, keys = jax.block_until_ready(compiled(states, scenes, keys))
-        calls += 1
+    window = Rolling(lambda carry: compiled(carry[0], scenes, carry[1]), (states, keys))
+    jax.block_until_ready(window())
+    per_call = seconds_per_call(window, seconds)
     return {
-        "per_second": calls * num_envs * WINDOW * a1.SUBSTEPS / (time.monotonic() - begin),
+        "per_second": num_envs * WINDOW * a1.SUBSTEPS / per_call,
         "unit": "physics steps",
         "compile_seconds": compile_seconds,
         "num_envs": num_envs,

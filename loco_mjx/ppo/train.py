@@ -9,7 +9,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jp
-import numpy as np
 import optax
 from brax.envs.base import State
 from flax import struct
@@ -20,6 +19,7 @@ from loco_mjx import config as config_lib
 from loco_mjx.config import Config
 from loco_mjx.env import autoreset
 from loco_mjx.errors import UserError
+from loco_mjx.mesh import AXIS, make_mesh, spread
 from loco_mjx.networks.policies import DEPTH, Params, make_networks
 from loco_mjx.ppo import collect as collect_lib
 from loco_mjx.ppo import normalizer as normalizer_lib
@@ -28,7 +28,6 @@ from loco_mjx.ppo.collect import Metrics, Rollout
 from loco_mjx.ppo.loss import psum
 from loco_mjx.ppo.normalizer import Normalizer
 
-AXIS = "env"
 CPU_CHUNK = 32  # samples at once on a CPU device: activations stay in the cache
 # What a key is for; folded into the seed's key.
 _PARAMS, _ENVS, _POOL, _ACTIONS, _SHUFFLE = range(5)
@@ -82,7 +81,7 @@ class Trainer:
             UnknownNameError: if there is no policy of that name.
             UserError: if sizes do not divide over the mesh, or the policy needs depth that the environment lacks.
         """
-        self.mesh = Mesh(np.array(jax.devices()[:1]), (AXIS,)) if mesh is None else mesh
+        self.mesh = make_mesh(jax.devices()[:1]) if mesh is None else mesh
         config_lib.check(config, self.mesh.size)
         self.config, self.env = config, env
         self.networks = make_networks(config.policy, config.network, env.action_size)
@@ -106,8 +105,7 @@ class Trainer:
 
     def _spread(self, part: Callable, in_specs: Any, out_specs: Any) -> Callable:
         """A part that runs on every device of the mesh with its share of the data."""
-        part = partial(part, axis_name=AXIS)
-        return jax.shard_map(part, mesh=self.mesh, in_specs=in_specs, out_specs=out_specs, check_vma=False)
+        return spread(partial(part, axis_name=AXIS), self.mesh, in_specs, out_specs)
 
     # Called from outside -------------------------------------------------------------------------------------------
 

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jp
-import numpy as np
-from jax.sharding import Mesh
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx.config import Config, preset
 from loco_mjx.env import LocoEnv, autoreset
 from loco_mjx.errors import UserError
-from loco_mjx.ppo.train import AXIS, Trainer
+from loco_mjx.mesh import AXIS, make_mesh, spread
+from loco_mjx.ppo.train import Trainer
 from loco_mjx.run import machine
+from loco_mjx.timing import Rolling, seconds_per_call
 
 WINDOW = 32  # control steps in one call of the environment's benchmark
 POOL = 64  # scenes to reset into
@@ -49,7 +47,7 @@ def bench_env(config: Config, seconds: float) -> Result:
         config: what to measure.
         seconds: to measure for, at least.
     """
-    env, mesh, count = LocoEnv(config.env), _mesh(), config.ppo.num_envs
+    env, mesh, count = LocoEnv(config.env), make_mesh(), config.ppo.num_envs
     if count % mesh.size:
         raise UserError(f"num-envs {count} does not divide over {mesh.size} devices; accepted: a multiple")
     pool = env.make_pool(jax.random.PRNGKey(0), POOL)
@@ -66,14 +64,13 @@ def bench_env(config: Config, seconds: float) -> Result:
 
         return jax.lax.scan(body, state, jp.arange(WINDOW, dtype=jp.int32))[0]
 
-    shard = partial(jax.shard_map, mesh=mesh, out_specs=P(AXIS), check_vma=False)
     keys = jax.random.split(jax.random.PRNGKey(1), count)
     begin = time.monotonic()
-    state = jax.block_until_ready(jax.jit(shard(start, in_specs=(P(AXIS), P())))(keys, pool))
-    step = jax.jit(shard(window, in_specs=(P(AXIS), P(AXIS), P())), donate_argnums=0)
+    state = jax.block_until_ready(jax.jit(spread(start, mesh, (P(AXIS), P()), P(AXIS)))(keys, pool))
+    step = jax.jit(spread(window, mesh, (P(AXIS), P(AXIS), P()), P(AXIS)), donate_argnums=0)
     state = jax.block_until_ready(step(state, keys, pool))
     compile_seconds = time.monotonic() - begin
-    per_call = _seconds_per_call(_Rolling(lambda state: step(state, keys, pool), state), seconds)
+    per_call = seconds_per_call(Rolling(lambda state: step(state, keys, pool), state), seconds)
     return {
         "per_second": count * WINDOW / per_call,
         "unit": "control steps",
@@ -89,13 +86,13 @@ def bench_train(config: Config, seconds: float) -> Result:
         config: what to measure.
         seconds: to measure for, at least.
     """
-    trainer = Trainer(config, LocoEnv(config.env), _mesh())
+    trainer = Trainer(config, LocoEnv(config.env), make_mesh())
     begin = time.monotonic()
     state, pool = trainer.init(), trainer.make_pool(0)
     state, _ = jax.block_until_ready(trainer.iterate(state, pool))
     compile_seconds, startup_seconds = time.monotonic() - begin, machine.process_age()
-    rolling = _Rolling(lambda state: trainer.iterate(state, pool)[0], state)
-    iteration = _seconds_per_call(rolling, seconds)
+    rolling = Rolling(lambda state: trainer.iterate(state, pool)[0], state)
+    iteration = seconds_per_call(rolling, seconds)
     collect = _collect_seconds(trainer, rolling.state, pool)
     return {
         "per_second": config.ppo.samples_per_iteration / iteration,
@@ -110,30 +107,6 @@ def bench_train(config: Config, seconds: float) -> Result:
     }
 
 
-class _Rolling:
-    """A function from state to state that remembers the state."""
-
-    def __init__(self, step: Callable[[Any], Any], state: Any) -> None:
-        self.step, self.state = step, state
-
-    def __call__(self) -> Any:
-        self.state = self.step(self.state)
-        return self.state
-
-
-def _seconds_per_call(call: Callable[[], Any], seconds: float, least: int = 2) -> float:
-    """Mean duration of a call, over at least so many calls and seconds."""
-    begin, calls = time.monotonic(), 0
-    while calls < least or time.monotonic() - begin < seconds:
-        jax.block_until_ready(call())
-        calls += 1
-    return (time.monotonic() - begin) / calls
-
-
 def _collect_seconds(trainer: Trainer, state: Any, pool: Any) -> float:
     jax.block_until_ready(trainer.collect(state, pool))
-    return _seconds_per_call(lambda: trainer.collect(state, pool), seconds=0.0)
-
-
-def _mesh() -> Mesh:
-    return Mesh(np.array(jax.local_devices()), (AXIS,))
+    return seconds_per_call(lambda: trainer.collect(state, pool), seconds=0.0)

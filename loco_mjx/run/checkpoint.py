@@ -134,7 +134,8 @@ def damage(checkpoint: Path, item: str) -> str | None:
 
 
 def _check_config(checkpoint: Path, config: Config) -> None:
-    saved = flatten(read_json(checkpoint / MANIFEST)["config"])
+    # A key that an older version did not have was at what is now its default.
+    saved = flatten(to_dict(Config())) | flatten(read_json(checkpoint / MANIFEST)["config"])
     wanted = flatten(to_dict(config))
     for key in sorted(saved.keys() | wanted.keys()):
         if key != EXTENDABLE and saved.get(key) != wanted.get(key):

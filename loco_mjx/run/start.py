@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 from rich.console import Console
 
 from loco_mjx.config import Config
@@ -23,12 +22,11 @@ def build(config: Config) -> Any:
     Raises:
         UserError: if sizes do not divide over the devices, or a name is unknown.
     """
-    from jax.sharding import Mesh
-
     from loco_mjx.env import LocoEnv
-    from loco_mjx.ppo.train import AXIS, Trainer
+    from loco_mjx.mesh import make_mesh
+    from loco_mjx.ppo.train import Trainer
 
-    return Trainer(config, LocoEnv(config.env), Mesh(np.array(jax.local_devices()), (AXIS,)))
+    return Trainer(config, LocoEnv(config.env), make_mesh())
 
 
 def evaluator(config: Config, trainer: Any, options: loop.LoopOptions) -> loop.Evaluate:

@@ -93,24 +93,11 @@ def place_boxes(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> Non
 
 def _add_looks(spec: mujoco.MjSpec) -> None:
     """Sky, materials, the two classes of geoms, and where a viewer starts."""
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.60, 0.74, 0.88],
-        rgb2=[0.92, 0.94, 0.96],
-        width=256,
-        height=256 * 6,
-    )
-    spec.add_texture(
-        name="floor",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.46, 0.48, 0.50],
-        rgb2=[0.52, 0.54, 0.56],
-        width=256,
-        height=256,
-    )
+    kind, pattern = mujoco.mjtTexture, mujoco.mjtBuiltin
+    sky = {"type": kind.mjTEXTURE_SKYBOX, "builtin": pattern.mjBUILTIN_GRADIENT, "height": 256 * 6}
+    spec.add_texture(name="sky", rgb1=[0.60, 0.74, 0.88], rgb2=[0.92, 0.94, 0.96], width=256, **sky)
+    checker = {"type": kind.mjTEXTURE_2D, "builtin": pattern.mjBUILTIN_CHECKER, "height": 256}
+    spec.add_texture(name="floor", rgb1=[0.46, 0.48, 0.50], rgb2=[0.52, 0.54, 0.56], width=256, **checker)
     floor = spec.add_material(name="floor", texuniform=True, texrepeat=[1.0, 1.0])
     floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
     for name, color in COLORS.items():

@@ -9,10 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol
 
-import jax
 import numpy as np
 from brax.envs.base import State
-from jax.sharding import Mesh
 
 from loco_mjx import config as config_lib
 from loco_mjx.deploy import folder
@@ -20,9 +18,10 @@ from loco_mjx.deploy.session import Session
 from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import Figures, evaluation_config, figures
-from loco_mjx.run import about, machine
+from loco_mjx.mesh import dividing, make_mesh
+from loco_mjx.run import about
 from loco_mjx.scene.tasks import get_task
-from loco_mjx.simcheck.sides import AXIS, CSide, MjxSide, start
+from loco_mjx.simcheck.sides import CSide, MjxSide, start
 
 Tick = Callable[[str, int, int], None]  # a side's name, control steps done, of how many
 
@@ -65,7 +64,7 @@ def simcheck(policy: Path, task: str | None, episodes: int, seed: int, tick: Tic
     session = Session(manifest, policy)
     config = evaluation_config(_trained(policy, manifest), task)
     env = LocoEnv(config)
-    mesh = Mesh(np.array(jax.local_devices()[: machine.shards(episodes, limit=jax.local_device_count())]), (AXIS,))
+    mesh = make_mesh(dividing(episodes))
     first = start(env, seed, episodes)
     found, seconds = {}, {}
     with ThreadPoolExecutor(os.cpu_count()) as pool:

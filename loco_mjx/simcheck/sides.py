@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from functools import partial
 from typing import Any
 
 import jax
@@ -24,13 +23,13 @@ from loco_mjx.deploy.folder import DEPTH, STATE, Manifest
 from loco_mjx.deploy.mujoco_robot import MujocoRobot
 from loco_mjx.deploy.observer import Observer
 from loco_mjx.env.loco_env import LocoEnv
+from loco_mjx.mesh import AXIS, spread
 from loco_mjx.physics.step import Outcome, PhysicsState
 from loco_mjx.scene import mjcf
 from loco_mjx.scene.types import Scene
 
 Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 KEYS = {STATE: "state", DEPTH: "pixels/depth"}
-AXIS = "env"
 FEET = tuple(f"{leg}_foot_sphere" for leg in a1.LEGS)
 
 
@@ -46,14 +45,14 @@ class MjxSide:
     name = "MJX"
 
     def __init__(self, env: LocoEnv, manifest: Manifest, policy: Policy, pool: Executor, mesh: Mesh) -> None:
-        """Prepares the program; `pool` runs the policy, `mesh` has one axis named ``env``."""
+        """Prepares the program; `pool` runs the policy, `mesh` is of `make_mesh`."""
         self._manifest, self._policy, self._pool = manifest, policy, pool
         self._mesh = mesh
         self._scale = np.tile(np.array(env.config.action.scale), 4)
         self._diagonal = env.config.action.diagonal
-        spread = partial(jax.shard_map, mesh=mesh, check_vma=False, in_specs=P(AXIS), out_specs=P(AXIS))
+        advance = spread(jax.vmap(env.step), mesh, P(AXIS), P(AXIS))
         # Arrays without elements would come back otherwise placed, and the second step would compile again.
-        self._advance = jax.jit(spread(jax.vmap(env.step)), out_shardings=NamedSharding(mesh, P(AXIS)))
+        self._advance = jax.jit(advance, out_shardings=NamedSharding(mesh, P(AXIS)))
         self._held: np.ndarray | None = None
 
     def begin(self, state: State) -> State:

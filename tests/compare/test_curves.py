@@ -4,7 +4,8 @@ import pytest
 from loco_mjx.cli.main import main
 from loco_mjx.compare import curves
 from loco_mjx.compare.results import find_runs
-from tests.compare.runs import write_curve, write_run
+from loco_mjx.run.directory import write_json
+from tests.compare.runs import VERSIONS, write_curve, write_run
 
 COLUMNS = ["step", "episode/return", "eval/distance"]
 
@@ -85,3 +86,19 @@ def test_runs_trained_in_two_ways_are_not_one_curve(tmp_path, capsys, seed):
     write_curve(other, COLUMNS, [[1, 1.0, ""]])
     assert main(["curves", str(tmp_path)]) == 2
     assert "network.mlp_dim" in capsys.readouterr().err
+
+
+def test_runs_of_mixed_versions_are_refused_unless_accepted(tmp_path, capsys):
+    for seed in (0, 1):
+        path = write_run(tmp_path, seed=seed)
+        write_curve(path, COLUMNS, [[1, 1.0, ""]])
+        write_json(path / "info.json", {"versions": VERSIONS, "resumed": []})
+    assert main(["curves", str(tmp_path)]) == 0
+    write_json(path / "info.json", {"versions": VERSIONS, "resumed": [{"versions": VERSIONS | {"jax": "0.8.0"}}]})
+    capsys.readouterr()
+    assert main(["curves", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and len(err.splitlines()) == 1 and "mixed versions: jax 0.7.2 in" in err and "0.8.0 in" in err
+    assert main(["curves", str(tmp_path), "--mixed-versions"]) == 0
+    (path / "info.json").write_text("[]")
+    assert main(["curves", str(tmp_path)]) == 2 and "does not say what it ran with" in capsys.readouterr().err

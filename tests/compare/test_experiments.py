@@ -60,6 +60,16 @@ def test_a_scale_changes_the_samples_alone_until_nothing_would_be_learnt(tmp_pat
     assert {cell.samples for cell in cells} == {8192}  # one iteration
 
 
+def test_the_smallest_scale_has_every_task_policy_and_ablation_once(tmp_path, cells):
+    few = cells_of([], tmp_path, 0.0005)
+    assert {cell.task for cell in few} == {cell.task for cell in cells}
+    assert {cell.variant for cell in few} == {cell.variant for cell in cells}
+    assert len(few) == 6 + 4 + 4 and {cell.seed for cell in few} == {0}
+    assert len([cell for cell in few if cell.variant.label == "loco-transformer"]) == 6  # on every task
+    assert {cell.config.env.horizon for cell in few} == {100}
+    assert all("--evaluations 0" in " ".join(cell.train_command()) for cell in few)
+
+
 @pytest.mark.parametrize(("names", "scale", "said"), [(["mountains"], 1.0, "mountain"), ([], 0.0, "scale is 0")])
 def test_mistakes(tmp_path, names, scale, said):
     with pytest.raises(UserError, match=said):

@@ -14,7 +14,7 @@ from rich.console import Console
 from loco_mjx.cli import sweep as sweep_cli
 from loco_mjx.cli import train
 from loco_mjx.cli.main import main
-from loco_mjx.compare import estimate, launch
+from loco_mjx.compare import estimate, execute, launch
 from loco_mjx.compare.cells import PROGRAM, Plan
 from loco_mjx.compare.variant import Variant, parse_variant
 from loco_mjx.config import to_dict
@@ -62,7 +62,7 @@ def cells(out, seeds=(0, 1), **plan):
 
 
 def run(cells, stub, capsys):
-    result = launch.sweep(cells, Console(width=200), run=stub)
+    result = launch.sweep(cells, Console(width=200), launch.Local(stub))
     return result, capsys.readouterr().out
 
 
@@ -152,8 +152,8 @@ def test_the_time_left_is_samples_over_the_rate_of_the_same_policy(tmp_path, cap
 
 def test_a_command_runs_and_its_output_is_kept(tmp_path):
     log = tmp_path / "deep" / "log"
-    assert launch.run_command([sys.executable, "-c", "print('hello'); raise SystemExit(3)"], log, lambda: None) == 3
-    assert launch.run_command([sys.executable, "-c", "print('again')"], log, lambda: None) == 0
+    assert execute.run_command([sys.executable, "-c", "print('hello'); raise SystemExit(3)"], log, lambda: None) == 3
+    assert execute.run_command([sys.executable, "-c", "print('again')"], log, lambda: None) == 0
     assert log.read_text() == "hello\nagain\n"
 
 
@@ -174,7 +174,7 @@ def test_ctrl_c_lets_the_run_save_and_is_raised_then(tmp_path):
     threading.Thread(target=interrupt).start()
     try:
         with pytest.raises(KeyboardInterrupt):
-            launch.run_command([sys.executable, "-c", program], log, lambda: None)
+            execute.run_command([sys.executable, "-c", program], log, lambda: None)
     finally:
         signal.signal(signal.SIGINT, before)
     assert log.read_text() == "ready\nsaved\n"
@@ -185,7 +185,10 @@ BAD = {
     "task": (["--tasks", "thin,thinn"], "'thinn' (did you mean 'thin'?)"),
     "policy": (["--policies", "state"], "policy 'state'"),
     "eval task": (["--eval-tasks", "wid"], "'wide'"),
-    "launcher": (["--launcher", "ray"], "local"),
+    "launcher": (["--launcher", "slurm"], "local"),
+    "launcher's option": (["--gpus-per-cell", "1"], "--launcher ray"),
+    "cpus": (["--launcher", "ray", "--cpus-per-cell", "0"], "cpus-per-cell is 0"),
+    "gpus": (["--launcher", "ray", "--gpus-per-cell", "-1"], "gpus-per-cell is -1"),
     "key": (["--set", "ppo.clipp=1"], "'ppo.clip'"),
     "preset": (["--preset", "papr"], "preset 'papr'"),
     "episodes": (["--episodes", "0"], "episodes is 0"),
@@ -206,10 +209,10 @@ def test_a_mistake_is_one_line_and_nothing_is_written(args, words, capsys, tmp_p
 
 
 def test_the_exit_code_says_whether_something_failed(tmp_path, capsys, monkeypatch):
-    sweep = launch.sweep
+    local = launch.Local
     args = ["sweep", "--policies", "state-only", "--out", str(tmp_path / "s"), "--total-steps", str(STEPS)]
     for stub, code in ((Stub(fails=["train"]), sweep_cli.FAILED), (Stub(), 0)):
-        monkeypatch.setattr(launch, "sweep", lambda *a, stub=stub, **k: sweep(*a, run=stub, **k))
+        monkeypatch.setattr(launch, "Local", lambda stub=stub: local(stub))
         assert main(args) == code
     assert "next: loco-mjx table" in capsys.readouterr().out
 

@@ -6,17 +6,17 @@ import jax
 import jax.numpy as jp
 import numpy as np
 import pytest
-from jax.sharding import Mesh
 
 from loco_mjx.errors import UserError
+from loco_mjx.mesh import make_mesh
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.inference import make_inference
-from loco_mjx.ppo.train import AXIS, Trainer
+from loco_mjx.ppo.train import Trainer
 from tests.ppo.probes import BrokenProbe, Probe, tiny
 
 
 def _mesh(devices):
-    return Mesh(np.array(jax.devices()[:devices]), (AXIS,))
+    return make_mesh(jax.devices()[:devices])
 
 
 def _whole_batch(devices):

@@ -65,7 +65,7 @@ def test_a_run_may_be_extended_unless_its_learning_rate_decays(tmp_path):
         )
 
 
-@pytest.mark.parametrize("content", ["", '{"policy": "state-', "[]", '{"policy": "state-only"}', '{"env": 3}'])
+@pytest.mark.parametrize("content", ["", '{"policy": "state-', "[]", '{"policy": "state-only", "x": 1}', '{"env": 3}'])
 def test_a_damaged_configuration_is_one_clear_line(tmp_path, content):
     (tmp_path / "config.json").write_text(content)
     with pytest.raises(UserError, match=r"config\.json") as error:

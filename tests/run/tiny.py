@@ -8,12 +8,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jp
-import numpy as np
 from brax.envs.base import State
 from jax.sharding import Mesh
 
 from loco_mjx.config import Config, EnvConfig, NetworkConfig, PPOConfig
-from loco_mjx.ppo.train import AXIS, Trainer
+from loco_mjx.mesh import make_mesh
+from loco_mjx.ppo.train import Trainer
 
 HORIZON = 10
 
@@ -72,7 +72,7 @@ def tiny_config(iterations: int = 6, **ppo: Any) -> Config:
 
 
 def mesh() -> Mesh:
-    return Mesh(np.array(jax.local_devices()), (AXIS,))
+    return make_mesh()
 
 
 def tiny_trainer(config: Config) -> Trainer:

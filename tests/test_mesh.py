@@ -1,0 +1,29 @@
+"""Work spread over devices is the work of one."""
+
+import jax
+import jax.numpy as jp
+import numpy as np
+import pytest
+from jax.sharding import PartitionSpec as P
+
+from loco_mjx.mesh import AXIS, dividing, make_mesh, spread
+
+
+def test_arguments_without_elements_arrive_as_each_device_s_share():
+    args = {"x": jp.arange(8.0).reshape(4, 2), "empty": jp.zeros((4, 0, 3), jp.int32)}, jp.zeros((0,))
+
+    def part(tree, alike):
+        assert tree["empty"].shape == (4 // jax.device_count(), 0, 3) and tree["empty"].dtype == jp.int32
+        assert alike.shape == (0,)
+        return tree["x"] + tree["empty"].sum(), tree["empty"]
+
+    x, empty = jax.jit(spread(part, make_mesh(), (P(AXIS), P()), P(AXIS)))(*args)
+    np.testing.assert_array_equal(x, args[0]["x"])
+    assert empty.shape == (4, 0, 3)
+
+
+@pytest.mark.parametrize("size", [1, 3, 4])
+def test_the_devices_chosen_divide_the_size_and_no_more_would(size):
+    count = len(dividing(size))
+    assert size % count == 0
+    assert all(size % n for n in range(count + 1, jax.local_device_count() + 1))
