@@ -11,9 +11,15 @@ from typing import Any, Literal
 import tyro
 
 from loco_mjx.cli.parse import check_seed, parse
+from loco_mjx.deploy import folder
+from loco_mjx.deploy.a1_robot import A1Robot
+from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.mujoco_robot import Imperfections, MujocoRobot
+from loco_mjx.deploy.observer import check_readable
 from loco_mjx.deploy.record import Record
+from loco_mjx.deploy.runner import Runner
 from loco_mjx.deploy.safety import Limits
+from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
 
 PROG = "loco-mjx deploy"
@@ -26,8 +32,8 @@ class Options:
 
     policy: tyro.conf.Positional[Path]
     """Folder that `loco-mjx export` wrote."""
-    robot: Literal["mujoco"] = "mujoco"
-    """C MuJoCo's A1."""
+    robot: Literal["mujoco", "a1"] = "mujoco"
+    """C MuJoCo's A1, or the real one (docs/deployment.md)."""
     task: str = "thin"
     """Task whose scene it runs in; generating one needs JAX."""
     scene: Path | None = None
@@ -54,21 +60,30 @@ def main(args: Sequence[str]) -> int:
         raise UserError(f"seconds is {options.seconds}; accepted: more than 0, up to 3600")
     if options.log is not None and (options.log.is_dir() or not options.log.parent.is_dir()):
         raise UserError(f"'{options.log}' cannot be written; accepted: a file in a directory that exists")
-    from loco_mjx.deploy import folder
-    from loco_mjx.deploy.runner import Runner
-    from loco_mjx.deploy.session import Session
-
     manifest = folder.read(options.policy)
     session = Session(manifest, options.policy)
-    model, between = from_file(options.scene) if options.scene is not None else generated(options.task, options.seed)
-    robot = MujocoRobot(model, manifest.camera, options.imperfections, options.seed, between=between)
-    # Simulated time stands still while the policy thinks: what it needs of a processor counts, not who else uses it.
-    runner = Runner(manifest, session, robot, options.limits, clock=time.thread_time)
-    record = runner.run(options.seconds)
+    robot: MujocoRobot | A1Robot
+    if options.robot == "a1":
+        check_readable(manifest, position_known=False)
+        robot, clock = A1Robot(manifest.camera), time.perf_counter
+    else:
+        # Simulated time stands still while the policy thinks: its own processor time counts, not who else uses it.
+        robot, clock = simulated(options, manifest), time.thread_time
+    try:
+        record = Runner(manifest, session, robot, options.limits, clock=clock, say=say).run(options.seconds)
+    finally:
+        robot.close()
     if options.log is not None:
         record.save(options.log)
     report(record)
     return STOPPED if record.cause is not None else 0
+
+
+def simulated(options: Options, manifest: Manifest) -> MujocoRobot:
+    """C MuJoCo's A1 in the scene that was asked for."""
+    scene = options.scene
+    model, between = generated(options.task, options.seed) if scene is None else from_file(scene)
+    return MujocoRobot(model, manifest.camera, options.imperfections, options.seed, between=between)
 
 
 def from_file(path: Path) -> tuple[Any, None]:
@@ -77,10 +92,12 @@ def from_file(path: Path) -> tuple[Any, None]:
     Raises:
         UserError: if the file is missing or no MJCF.
     """
-    import mujoco
-
     if not path.is_file():
         raise UserError(f"there is no scene '{path}'; `loco-mjx scene --out {path}` writes one")
+    try:
+        import mujoco
+    except ModuleNotFoundError as error:
+        raise UserError("--robot mujoco needs mujoco: pip install mujoco") from error
     try:
         return mujoco.MjModel.from_xml_path(str(path)), None
     except ValueError as error:
@@ -93,8 +110,12 @@ def generated(task: str, seed: int) -> tuple[Any, Callable[[Any, Any], None] | N
     Raises:
         UnknownNameError: if there is no task of that name.
     """
-    from loco_mjx.scene.tasks import get_task
-
+    try:
+        from loco_mjx.scene.tasks import get_task
+    except ModuleNotFoundError as error:
+        raise UserError(
+            f"generating a scene needs {error.name}: pip install 'loco-mjx[train]', or give --scene FILE.xml"
+        ) from error
     chosen = get_task(task)
     from loco_mjx.run import machine
 
@@ -129,10 +150,13 @@ def mover(scene: Any, key: Any) -> Callable[[Any, Any], None]:
     return between
 
 
+def say(when: float, text: str) -> None:
+    """Prints an event as it happens."""
+    print(f"{when:7.2f} s  {text}", flush=True)
+
+
 def report(record: Record) -> None:
     """Prints how it went."""
-    for when, text in record.events:
-        print(f"{when:7.2f} s  {text}")
     latency = ", ".join(f"{name} {value:.1f}" for name, value in record.latencies().items())
     print(f"{len(record.rows)} ticks; latency in ms: {latency}; deadlines missed: {record.misses}")
     if record.distance is not None:

@@ -21,10 +21,16 @@ VERBS: dict[str, str] = {
     "curves": "draw training and evaluation curves over seeds from a directory of runs",
     "bench": "measure the speed of depth, physics, the environment or training",
     "export": "write a policy as a folder that runs without JAX",
+    "simcheck": "run an exported policy in C MuJoCo and in MJX and compare",
     "deploy": "run an exported policy on a robot: C MuJoCo's or a real one",
     "play": "watch a policy: a video, a figure, or a live viewer in the browser",
     "scene": "write a generated scene as MJCF and as a picture",
 }
+# Packages that an installation may lack, by the extra that brings them.
+EXTRAS: dict[str, str] = {"onnxruntime": "deploy", "onnx": "export", "pyrealsense2": "a1"} | dict.fromkeys(
+    ("jax", "jaxlib", "flax", "optax", "brax", "mujoco", "orbax", "rich", "tensorboardX", "matplotlib", "imageio"),
+    "train",
+)
 USAGE_ERROR = 2
 INTERRUPTED = 130
 
@@ -69,7 +75,13 @@ def _run(words: list[str]) -> int:
     verb, rest = words[0], words[1:]
     if verb not in VERBS:
         raise UnknownNameError("command", verb, VERBS)
-    code = importlib.import_module(f"loco_mjx.cli.{verb}").main(rest)
+    try:
+        code = importlib.import_module(f"loco_mjx.cli.{verb}").main(rest)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRAS:
+            raise
+        raise UserError(f"{verb} needs {package}: pip install 'loco-mjx[{EXTRAS[package]}]'") from error
     return code or 0
 
 

@@ -112,6 +112,9 @@ class MujocoRobot:
                 self._between(self.model, self.data)
             self._expose()
 
+    def close(self) -> None:
+        """There is nothing to let go of."""
+
     # Details ----------------------------------------------------------------------------------------------------------
 
     def _place(self, lying: bool) -> None:

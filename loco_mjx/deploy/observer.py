@@ -11,6 +11,30 @@ from loco_mjx.errors import UserError
 KNOWN = ("displacement", "imu", "last_action", "angles")
 
 
+def check_readable(manifest: Manifest, position_known: bool) -> None:
+    """Whether a robot measures what the policy reads.
+
+    Args:
+        manifest: of the policy.
+        position_known: whether the robot knows where it is in the world.
+
+    Raises:
+        UserError: naming what it reads that is not measured, and how to train a policy without it.
+    """
+    if manifest.reads("goal"):
+        raise UserError(
+            "the policy reads the goal, which no robot measures; train one with --env.observation.goal False"
+        )
+    unknown = [field.name for field in manifest.fields if field.name not in KNOWN]
+    if unknown:
+        raise UserError(f"the policy reads '{unknown[0]}', which no robot measures; accepted: {', '.join(KNOWN)}")
+    if manifest.reads("displacement") and not position_known:
+        raise UserError(
+            "the policy reads the base's displacement, which this robot does not measure; "
+            "train one with --env.observation.displacement False"
+        )
+
+
 def up(quat: np.ndarray) -> float:
     """The z of the trunk's up axis: 1 upright, 0 on its side."""
     _, x, y, _ = quat / np.linalg.norm(quat)
@@ -34,14 +58,7 @@ class Observer:
     """Keeps the histories of one run. At its start they hold copies of the first measurement, as after a reset."""
 
     def __init__(self, manifest: Manifest) -> None:
-        """Prepares empty histories.
-
-        Raises:
-            UserError: if the policy reads something that no robot here measures.
-        """
-        unknown = [field.name for field in manifest.fields if field.name not in KNOWN]
-        if unknown:
-            raise UserError(f"the policy reads '{unknown[0]}', which no robot measures; accepted: {', '.join(KNOWN)}")
+        """Prepares empty histories."""
         self._manifest = manifest
         self._history: dict[str, np.ndarray] = {}
         self._stack: np.ndarray | None = None

@@ -77,3 +77,7 @@ class Robot(Protocol):
             RobotError: if the robot does not answer.
         """
         ...
+
+    def close(self) -> None:
+        """Lets go of the robot: its motors get neither targets nor gains any more."""
+        ...

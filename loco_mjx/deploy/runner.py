@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from loco_mjx.deploy.folder import Manifest
-from loco_mjx.deploy.observer import Observer, up
+from loco_mjx.deploy.observer import Observer, check_readable, up
 from loco_mjx.deploy.record import Record
 from loco_mjx.deploy.robot import Frame, Robot, RobotError, Sensors
 from loco_mjx.deploy.safety import Cause, EmergencyStop, Guard, Limits, Stop
@@ -33,6 +33,7 @@ class Runner:
         limits: Limits | None = None,
         estop: EmergencyStop | None = None,
         clock: Callable[[], float] = time.perf_counter,
+        say: Callable[[float, str], None] = lambda when, text: None,
     ) -> None:
         """Prepares a run; the robot is not touched.
 
@@ -43,12 +44,13 @@ class Runner:
             limits: when to stop.
             estop: whoever may press it.
             clock: for the ticks' latency, s.
+            say: told about every event as it happens, with the robot's time, s.
         """
         self.manifest, self.policy, self.robot = manifest, policy, robot
         self.guard = Guard(manifest, limits or Limits())
         self.estop = estop or EmergencyStop()
         self.record = Record()
-        self._clock = clock
+        self._clock, self._say = clock, say
         self._observer = Observer(manifest)
         self._commanded: np.ndarray | None = None
 
@@ -66,11 +68,7 @@ class Runner:
                 self.guard.frame(frame, self.robot.now())
         except (RobotError, Stop) as error:
             raise UserError(f"the robot is not ready ({error}); it was not commanded") from error
-        if self.manifest.reads("displacement") and sensors.position is None:
-            raise UserError(
-                "the policy reads the base's displacement, which this robot does not measure; "
-                "train one with --env.observation.displacement False"
-            )
+        check_readable(self.manifest, sensors.position is not None)
         self._check_frame(frame)
         self._check_policy(sensors, frame)
 
@@ -99,6 +97,7 @@ class Runner:
         self.check()
         with self.estop.listening():
             try:
+                self._event("standing up")
                 self._move(self.manifest.default_pose, STAND, HOLD)
                 self._event("running")
                 self._run_policy(seconds)
@@ -205,4 +204,6 @@ class Runner:
                 continue  # it may answer the next one
 
     def _event(self, text: str) -> None:
-        self.record.events.append((self.robot.now(), text))
+        when = self.robot.now()
+        self.record.events.append((when, text))
+        self._say(when, text)

@@ -116,12 +116,35 @@ class LocoEnv:
 
     def advance(self, state: State, action: jax.Array) -> State:
         """Physics, reward and termination of one control step; the observation's pixels are left as they were."""
-        key, motion_key = jax.random.split(state.info["key"])
-        before: World = state.pipeline_state
         command = self._command(action)
-        scene = self._move_obstacles(motion_key, before.scene, state.info["steps"])
+        scene = self.next_scene(state)
+        before: World = state.pipeline_state
         targets = jp.array(a1.DEFAULT_POSE) + command
         physics, outcome = control_step(self._model, before.physics, scene, targets, before.randomization.dynamics)
+        return self.conclude(state, scene, physics, outcome, command)
+
+    def next_scene(self, state: State) -> Scene:
+        """The scene during the next control step: what moves has moved."""
+        scene: Scene = state.pipeline_state.scene
+        if not self.task.moving:
+            return scene
+        _, motion_key = jax.random.split(state.info["key"])
+        return motion.move(motion.redraw(motion_key, scene, state.info["steps"]), a1.CONTROL_DT)
+
+    def conclude(
+        self, state: State, scene: Scene, physics: PhysicsState, outcome: Outcome, command: jax.Array
+    ) -> State:
+        """Reward, termination and metrics of a control step, whoever computed its physics.
+
+        Args:
+            state: before the step.
+            scene: during the step, from :meth:`next_scene`.
+            physics: after the step.
+            outcome: what happened in it.
+            command: (12,) joint targets relative to the default pose, rad.
+        """
+        key, _ = jax.random.split(state.info["key"])
+        before: World = state.pipeline_state
         finite = _all_finite(physics) & _all_finite(outcome)
         # A non-finite state ends the episode and goes no further: the robot is put back where it was.
         physics = _where(finite, physics, before.physics)
@@ -167,11 +190,6 @@ class LocoEnv:
             right, left = unit[:3], unit[3:]
             unit = jp.concatenate([right, left, left, right])
         return unit * jp.tile(jp.array(self.config.action.scale), 4)
-
-    def _move_obstacles(self, key: jax.Array, scene: Scene, step: jax.Array) -> Scene:
-        if not self.task.moving:
-            return scene
-        return motion.move(motion.redraw(key, scene, step), a1.CONTROL_DT)
 
     def _facts(
         self, before: World, after: World, outcome: Outcome, spheres: jax.Array, change: jax.Array

@@ -86,7 +86,7 @@ class Evaluator:
         keys = jax.vmap(jax.random.fold_in, (None, 0))(root, jp.arange(total))
         parts = [self._run(params, normalizer, keys[start : start + chunk]) for start in range(0, total, chunk)]
         sums = {name: np.concatenate([np.asarray(part[name]) for part in parts])[:episodes] for name in parts[0]}
-        return _figures(sums)
+        return figures(sums)
 
     def _share(self, params: Any, normalizer: Any, keys: jax.Array) -> dict[str, jax.Array]:
         """Everyone's episodes, of which this device runs its share; all hold the result, whoever asks for it."""
@@ -121,12 +121,12 @@ class Evaluator:
         return jax.lax.while_loop(more, body, carry)[2]
 
 
-def _figures(sums: Mapping[str, np.ndarray]) -> Figures:
+def figures(sums: Mapping[str, np.ndarray]) -> Figures:
     """Sums over an episode's steps to its metrics: all are sums but the speed, which is a mean."""
-    figures = {name: np.asarray(value, np.float64) for name, value in sums.items()}
-    if "speed" in figures:
-        figures["speed"] = figures["speed"] / np.maximum(figures["length"], 1.0)
-    return figures
+    found = {name: np.asarray(value, np.float64) for name, value in sums.items()}
+    if "speed" in found:
+        found["speed"] = found["speed"] / np.maximum(found["length"], 1.0)
+    return found
 
 
 def means(figures: Figures) -> dict[str, float]:

@@ -87,10 +87,10 @@ def _stacked(vectors: list[Vector]) -> Vector:
 
 
 class _LegRows(NamedTuple):
-    """Contacts of the legs: of the feet's F slots, hips, knees.
+    """Contacts of the legs: of the feet's F slots, hips, the knees' F slots.
 
     Attributes:
-        distance: (F + 2, 4, N).
+        distance: (2 F + 1, 4, N).
         point: x, y, z of the contacts, each (P, 4, N), for each row of the Jacobian.
         direction: of each row, likewise.
     """
@@ -102,13 +102,13 @@ class _LegRows(NamedTuple):
 
 def _leg_rows(robot: Pose, slots: Slots) -> _LegRows:
     feet = slots.feet
-    planes = (*feet, slots.hips, slots.knees)
-    centers = (*[robot.foot] * len(feet), robot.shoulder, robot.knee)
-    radii = (*[RADII[0]] * len(feet), RADII[LEGS], RADII[2 * LEGS])
+    planes = (*feet, slots.hips, *slots.knees)
+    centers = (*[robot.foot] * len(feet), robot.shoulder, *[robot.knee] * len(feet))
+    radii = (*[RADII[0]] * len(feet), RADII[LEGS], *[RADII[2 * LEGS]] * len(feet))
     points = [_contact_point(c, plane, r) for c, plane, r in zip(centers, planes, radii, strict=True)]
     frames = [tangents(plane.normal) for plane in feet]
     directions = [plane.normal for plane in feet] + [f[0] for f in frames] + [f[1] for f in frames]
-    directions += [slots.hips.normal, slots.knees.normal]
+    directions += [plane.normal for plane in planes[len(feet) :]]
     rows = points[: len(feet)] * 3 + points[len(feet) :]
     return _LegRows(jp.stack([plane.distance for plane in planes]), _stacked(rows), _stacked(directions))
 
@@ -117,9 +117,9 @@ def _legs(
     model: PhysicsModel, robot: Pose, velocity: Motion, legs: _LegRows, friction: jax.Array, mass: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Jacobian, reference and weight of the legs' contacts; see solver.Constraints."""
-    slots = legs.distance.shape[0] - 2
+    slots = legs.distance.shape[0] // 2
     # A hip's sphere moves with the hip joint only.
-    beyond_hip = (np.arange(3 * slots + 2) != 3 * slots).astype(np.float32).reshape(-1, 1, 1)
+    beyond_hip = (np.arange(4 * slots + 1) != 3 * slots).astype(np.float32).reshape(-1, 1, 1)
     hip, thigh, calf = _joint_rows(robot, legs.point, legs.direction)
     base = _base_rows(robot, legs.point, legs.direction)
     jacobian = jp.stack([*base, hip, thigh * beyond_hip, calf * beyond_hip])
@@ -128,7 +128,8 @@ def _legs(
     by_leg = model.sphere_invweight[: 3 * LEGS].reshape(3, 1, LEGS, 1)
     feet, others = legs.distance[:slots], legs.distance[slots:]
     foot_weight, foot_pull = _weight_and_pull(model.softness, feet, by_leg[0] * edge)
-    other_weight, other_pull = _weight_and_pull(model.softness, others, by_leg[1:, 0] / mass)
+    by_sphere = np.concatenate([by_leg[1], *[by_leg[2]] * slots])  # hips, then the knees' slots
+    other_weight, other_pull = _weight_and_pull(model.softness, others, by_sphere / mass)
     speed = add_up(jacobian[i] * velocity.base[i] for i in range(BASE))
     speed = speed + add_up(jacobian[BASE + j] * velocity.joints[j] for j in range(JOINTS))
     damped = -model.softness.damping * speed

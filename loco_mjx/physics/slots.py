@@ -74,14 +74,14 @@ class Slots(NamedTuple):
     Attributes:
         feet: planes (4,): the ground's, then the nearest obstacles' and steps', nearest first.
         hips: (4,) the nearest of everything.
-        knees: (4,) the nearest of everything.
+        knees: planes (4,) as the feet's: a robot on its knees leans against walls.
         trunk: (6,) the nearest of everything.
         hit: bool, whether any sphere touches an obstacle or a wall.
     """
 
     feet: tuple[Planes, ...]
     hips: Planes
-    knees: Planes
+    knees: tuple[Planes, ...]
     trunk: Planes
     hit: jax.Array
 
@@ -261,7 +261,7 @@ def touch(stage: Stage, scene: Near, point: Vector, obstacle_slots: int) -> Slot
         stage: how to compute intermediate results once.
         scene: what is near; each array's last axis is over environments, the terrain's first.
         point: x, y, z of the spheres' centres, each (18, N), m, in the order of kinematics.SPHERES.
-        obstacle_slots: per foot, how many of the nearest boxes and cylinders beside the ground.
+        obstacle_slots: per foot and knee, how many of the nearest boxes and cylinders beside the ground.
     """
     radii = column(RADII, point[0])
     floor = stage(ground_plane, scene.terrain, point)
@@ -271,7 +271,8 @@ def touch(stage: Stage, scene: Near, point: Vector, obstacle_slots: int) -> Slot
     single = stage(lambda: _choose(nearest[0].distance < floor.distance, nearest[0], floor))
     cut = lambda plane, a, b: jax.tree.map(lambda x: x[a:b], plane._replace(distance=plane.distance - radii))  # noqa: E731
     feet = tuple(cut(plane, 0, LEGS) for plane in (floor, *nearest))
-    hips, knees, trunk = (cut(single, a, b) for a, b in ((LEGS, 2 * LEGS), (2 * LEGS, 3 * LEGS), (3 * LEGS, None)))
+    knees = tuple(cut(plane, 2 * LEGS, 3 * LEGS) for plane in (floor, *nearest))
+    hips, trunk = cut(single, LEGS, 2 * LEGS), cut(single, 3 * LEGS, None)
     return Slots(feet, hips, knees, trunk, ranking.hit)
 
 

@@ -24,12 +24,12 @@ class Constraints(NamedTuple):
     """Everything that pushes. Rows with weight 0 are out of contact.
 
     The P rows of a leg are, for its foot's F slots, F normals, F first tangents, F second tangents, then those of the
-    hip's and the knee's contact, without friction: P = 3 F + 2.
+    hip's contact and the knee's F slots, without friction: P = 4 F + 1.
 
     Attributes:
         legs: (9, P, 4, N) Jacobian of the legs' contacts: in the base's degrees of freedom, then in the leg's joints.
         leg_reference: (P, 4, N) reference acceleration r in each direction.
-        leg_weight: (F + 2, 4, N) D, of every edge of a foot's friction pyramid, and of what has no friction.
+        leg_weight: (2 F + 1, 4, N) D, of every edge of a foot's friction pyramid, and of what has no friction.
         friction: (N,) coefficient of the feet.
         trunk: (6, T, N) Jacobian of the trunk's contacts, without friction.
         trunk_reference: (T, N).
@@ -53,7 +53,7 @@ class Constraints(NamedTuple):
     @property
     def slots(self) -> int:
         """F, contact slots with friction per leg."""
-        return self.leg_weight.shape[0] - 2
+        return self.leg_weight.shape[0] // 2
 
 
 class Values(NamedTuple):

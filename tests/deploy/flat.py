@@ -50,8 +50,8 @@ def raw(hold: int = 1) -> dict:
     }
 
 
-def write(path: Path, changes: dict | None = None) -> Path:
-    """A policy folder whose ONNX file adds nothing to the default pose, whatever it sees."""
+def write(path: Path, changes: dict | None = None, content: bytes | None = None) -> Path:
+    """A policy folder whose ONNX file (or `content`) adds nothing to the default pose, whatever it sees."""
     from onnx import TensorProto, helper, numpy_helper
 
     pose = numpy_helper.from_array(np.array(a1.DEFAULT_POSE, np.float32), "pose")
@@ -64,9 +64,9 @@ def write(path: Path, changes: dict | None = None) -> Path:
     graph = helper.make_graph([node], "still", inputs, [output], [pose])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
     model.ir_version = 8
-    (path / folder.ONNX).write_bytes(model.SerializeToString())
-    content = raw() | {"files": {folder.ONNX: {"sha256": folder.digest(path / folder.ONNX)}}} | (changes or {})
-    (path / folder.MANIFEST).write_text(json.dumps(content))
+    (path / folder.ONNX).write_bytes(model.SerializeToString() if content is None else content)
+    manifest = raw() | {"files": {folder.ONNX: {"sha256": folder.digest(path / folder.ONNX)}}} | (changes or {})
+    (path / folder.MANIFEST).write_text(json.dumps(manifest))
     return path
 
 

@@ -93,7 +93,7 @@ def test_diagonal_legs_share_their_targets(key):
 def test_a_fallen_robot_ends_the_episode_without_truncation(reset, step, key):
     state = reset(key)
     tilted = _edit(state, qpos=state.pipeline_state.physics.qpos.at[3:7].set(jp.array([0.5, 0.866, 0.0, 0.0])))
-    low = _edit(state, qpos=state.pipeline_state.physics.qpos.at[2].add(-0.13))
+    low = _edit(state, qpos=state.pipeline_state.physics.qpos.at[2].add(-0.16))
     for broken in (tilted, low):
         after = step(broken, jp.zeros(12))
         assert float(after.done) == 1 and float(after.info["truncation"]) == 0

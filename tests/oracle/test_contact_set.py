@@ -44,8 +44,8 @@ def _ours(scene, qpos: np.ndarray, obstacle_slots: int) -> tuple[np.ndarray, np.
         near = near.replace(terrain=jax.tree.map(spread, scene.terrain))
         point = kinematics.sphere_centers(qpos.T)
         held = slots.touch(lambda f, *args: f(*args), near, point, obstacle_slots)
-        feet = jp.min(jp.stack([plane.distance for plane in held.feet]), axis=0)
-        return jp.concatenate([feet, held.hips.distance, held.knees.distance, held.trunk.distance]).T, held.hit
+        feet, knees = (jp.min(jp.stack([p.distance for p in planes]), axis=0) for planes in (held.feet, held.knees))
+        return jp.concatenate([feet, held.hips.distance, knees, held.trunk.distance]).T, held.hit
 
     distance, hit = jax.jit(run)(jp.array(qpos))
     return np.array(distance), np.array(hit)

@@ -79,6 +79,45 @@ def test_random_states_move_as_in_c(mass, inertia, friction):
     assert np.max(errors) < 5e-3
 
 
+def _spheres_in_corners(model: mujoco.MjModel, data: mujoco.MjData) -> set[str]:
+    """The robot's spheres that are in contact with two things at once."""
+    names = [model.geom(g).name for c in data.contact if c.dist < 0 for g in c.geom]
+    return {name for name in names if name.endswith("_sphere") and names.count(name) > 1}
+
+
+def _kneeling_states(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poses on folded legs with the left knees about y = 0.34 m, velocities, targets that press the knees down."""
+    rng = np.random.default_rng(12)
+    quat = rng.normal(size=(count, 4)) * 0.03 + [1, 0, 0, 0]
+    quat /= np.linalg.norm(quat, axis=1, keepdims=True)
+    angles = np.tile([0.0, 0.9, -2.65], 4) + 0.04 * rng.normal(size=(count, 12))
+    place = np.stack([np.zeros(count), np.full(count, 0.2), rng.uniform(0.13, 0.15, count)], axis=1)
+    targets = np.tile([0.1, 0.9, -2.6], 4) + 0.2 * rng.normal(size=(count, 12))
+    return np.concatenate([place, quat, angles], axis=1), 0.3 * rng.normal(size=(count, 18)), targets
+
+
+def test_a_knee_on_the_ground_leans_against_a_wall_as_in_c():
+    """With one plane for a knee it would sink into the ground while it leans, and the robot would go down with it."""
+    full = scene([{"center": (0.0, 0.5, 0.5), "half": (3.0, 0.1, 0.5), "kind": OBSTACLE}])  # contact from y = 0.35
+    c_model = scene_spec(full).compile()
+    qpos, qvel, targets = _kneeling_states(200)
+    picked = []
+    for n in range(len(qpos)):
+        data = mujoco.MjData(c_model)
+        data.qpos[:] = qpos[n]
+        mujoco.mj_forward(c_model, data)
+        corners = _spheres_in_corners(c_model, data)
+        if corners and all("knee" in name for name in corners) and min(c.dist for c in data.contact) > -0.03:
+            picked.append(n)
+    picked = picked[: world.BATCH]
+    assert len(picked) == world.BATCH
+    starts = [PhysicsState(*(jp.asarray(x, jp.float32) for x in (qpos[i], qvel[i], np.zeros(18)))) for i in picked]
+    states, _ = rollout(starts, [full], targets[picked][:, None], None, CONVERGED)
+    for ours, n in zip(states.qpos[:, 0], picked, strict=True):
+        after = _c_step(c_model, qpos[n], qvel[n], targets[n])
+        assert np.abs(ours - after).max() / np.abs(after - qpos[n]).max() < 5e-3
+
+
 def test_trot_on_flat_ground_follows_c():
     """Drift from C over 20 control steps (320 physics steps); the same walk with the solver's fewest iterations."""
     targets = trot_targets(20)

@@ -1,0 +1,50 @@
+"""`loco-mjx simcheck`: the same exported policy in C MuJoCo and in MJX, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from loco_mjx.cli.output import one_object
+from loco_mjx.cli.parse import check_seed, parse
+
+PROG = "loco-mjx simcheck"
+
+
+@dataclass(frozen=True)
+class Options:
+    """Runs an exported policy in full C MuJoCo and in our environment, in the same scenes, and compares the two."""
+
+    policy: tyro.conf.Positional[Path]
+    """Folder that `loco-mjx export` wrote."""
+    task: str | None = None
+    """Task to run on; None: the one it was trained on."""
+    episodes: int = 32
+    """Episodes, each in a newly generated scene."""
+    seed: int = 0
+    """Seed of the scenes; the same as in `loco-mjx evaluate`."""
+    json: bool = False
+    """Print one JSON object and nothing else on stdout."""
+
+
+def main(args: Sequence[str]) -> int:
+    """Runs the command.
+
+    Raises:
+        UserError: if the folder cannot be used, or what is asked cannot be done.
+    """
+    options = parse(Options, args, PROG)
+    check_seed(options.seed)
+    with one_object(options.json) as show:
+        from loco_mjx.run import machine
+
+        machine.set_up()
+        from loco_mjx.simcheck import report
+        from loco_mjx.simcheck.run import simcheck
+
+        result = simcheck(options.policy, options.task, options.episodes, options.seed, report.Progress())
+        show(result, report.table(result))
+    return 0

@@ -1,0 +1,144 @@
+"""Unitree's A1 by its legged SDK's Python binding (`robot_interface`, unitree_legged_sdk 3.x), and its depth camera.
+
+The SDK is on no package index: its build makes `robot_interface*.so`, to be put on PYTHONPATH. What of this file runs
+without the robot is tested against a stand-in; docs/deployment.md lists what is not tested.
+"""
+
+from __future__ import annotations
+
+import importlib
+import time
+from typing import Any
+
+import numpy as np
+
+from loco_mjx import a1
+from loco_mjx.deploy.folder import Camera
+from loco_mjx.deploy.realsense import RealSense
+from loco_mjx.deploy.robot import Frame, RobotError, Sensors
+from loco_mjx.errors import UserError
+
+LOW_LEVEL = 0xFF
+ADDRESS = (8080, "192.168.123.10", 8007)  # local port, the motor controller and its port
+SERVO = 0x0A  # a motor's mode in which it follows targets
+NO_POSITION, NO_VELOCITY = 2.146e9, 16000.0  # targets that mean there is none
+CONNECT = 2.0  # s in which the robot has to answer
+MOTORS = 12  # in the SDK's order, which is a1.JOINTS': FR, FL, RR, RL × hip, thigh, calf
+
+
+class A1Robot:
+    """The robot protocol on the A1. Where it is in the world it does not know: `Sensors.position` is None."""
+
+    def __init__(self, camera: Camera | None) -> None:
+        """Connects; no motor gets a target or a gain.
+
+        The robot only answers who speaks to it, so it is sent packets that ask for nothing: its motors stay limp.
+
+        Args:
+            camera: of the policy; None opens no camera.
+
+        Raises:
+            UserError: if the SDK or pyrealsense2 is missing, or robot or camera do not answer.
+        """
+        try:
+            self._sdk: Any = importlib.import_module("robot_interface")
+        except ImportError as error:
+            raise UserError(
+                f"--robot a1 needs Unitree's robot_interface ({error}); build unitree_legged_sdk with its Python "
+                "binding and put it on PYTHONPATH"
+            ) from error
+        self._udp = self._sdk.UDP(LOW_LEVEL, *ADDRESS)
+        self._safety = self._sdk.Safety(self._sdk.LeggedType.A1)
+        self._command, self._state = self._sdk.LowCmd(), self._sdk.LowState()
+        self._udp.InitCmdData(self._command)
+        self._tick: int | None = None
+        self._heard = self._due = self.now()
+        self._camera: RealSense | None = None
+        try:
+            self._connect()
+            if camera is not None:
+                self._camera = RealSense(camera, self.now)
+                self._camera.wait()
+        except RobotError as error:
+            self.close()
+            raise UserError(f"the robot is not ready ({error}); it was not commanded") from error
+        except UserError:
+            self.close()
+            raise
+
+    def now(self) -> float:
+        """The computer's monotonic clock, s."""
+        return time.monotonic()
+
+    def read(self) -> Sensors:
+        """The newest measurements; their time is that of the packet that brought them.
+
+        Raises:
+            RobotError: if there has never been any.
+        """
+        self._receive()
+        if self._tick is None:
+            raise RobotError(
+                "the robot does not answer; is it on, in low-level mode, and this computer in its network?"
+            )
+        motors, imu = self._state.motorState, self._state.imu
+        return Sensors(
+            time=self._heard,
+            angles=np.array([motors[i].q for i in range(MOTORS)], np.float64),
+            velocities=np.array([motors[i].dq for i in range(MOTORS)], np.float64),
+            quat=np.array(imu.quaternion, np.float64),
+            gyro=np.array(imu.gyroscope, np.float64),
+        )
+
+    def depth(self) -> Frame:
+        """The newest image.
+
+        Raises:
+            RobotError: if there is no camera, or it has failed.
+        """
+        if self._camera is None:
+            raise RobotError("there is no camera")
+        return self._camera.depth()
+
+    def command(self, targets: np.ndarray, kp: float, kd: float) -> None:
+        """Sends PD targets, and returns when the next ones are due, 2.5 ms after these."""
+        for motor, target in zip(self._command.motorCmd, targets, strict=False):  # it has 20 motors' room
+            motor.mode, motor.q, motor.dq = SERVO, float(target), 0.0
+            motor.Kp, motor.Kd, motor.tau = float(kp), float(kd), 0.0
+        self._safety.PositionLimit(self._command)
+        self._send()
+        now = self.now()
+        self._due = max(self._due + a1.PHYSICS_DT, now)
+        time.sleep(self._due - now)
+
+    def close(self) -> None:
+        """Lets the motors go limp and stops the camera."""
+        self._idle()
+        if self._camera is not None:
+            self._camera.close()
+
+    def _connect(self) -> None:
+        end = self.now() + CONNECT
+        while self._tick is None and self.now() < end:
+            self._idle()
+            time.sleep(a1.PHYSICS_DT)
+            self._receive()
+        self.read()
+
+    def _idle(self) -> None:
+        for motor in self._command.motorCmd[:MOTORS]:
+            motor.mode, motor.q, motor.dq = SERVO, NO_POSITION, NO_VELOCITY
+            motor.Kp = motor.Kd = motor.tau = 0.0
+        self._send()
+
+    def _send(self) -> None:
+        self._udp.SetSend(self._command)
+        self._udp.Send()
+
+    def _receive(self) -> None:
+        """Takes in what has come. A packet is new if the robot's own clock has gone on."""
+        self._udp.Recv()
+        self._udp.GetRecv(self._state)
+        tick = int(self._state.tick)
+        if tick != (self._tick or 0):
+            self._tick, self._heard = tick, self.now()

@@ -1,0 +1,57 @@
+"""A comparison as people read it, and its progress."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from loco_mjx.evaluation.report import UNITS
+from loco_mjx.run.progress import LINE_SECONDS, duration
+
+COMPILING = 3  # control steps of a side that hold its compilation
+FIRST = ("distance", "collisions", "return")  # shown first; the others follow
+
+
+def table(result: dict[str, Any]) -> Table:
+    """The comparison."""
+    trained = f"{result['policy']} trained on {result['trained_on']} ({result['samples']:,} samples)"
+    title = f"{trained}, on {result['task']}: {result['num_episodes']} episodes in the same scenes"
+    table = Table(title=title, title_justify="left", caption="difference: C − MJX, ± standard error of its mean")
+    table.add_column("metric")
+    for name in ("C MuJoCo", "MJX", "ratio", "difference"):
+        table.add_column(name, justify="right")
+    metrics = result["metrics"]
+    for name in (*FIRST, *(name for name in metrics if name not in FIRST)):
+        row = metrics[name]
+        if name not in FIRST and not any(row.values()):
+            continue  # nothing of the kind happened
+        unit = f", {UNITS[name]}" if name in UNITS else ""
+        sides = [f"{row[f'{side}_mean']:.2f} ± {row[f'{side}_std']:.2f}" for side in ("c", "mjx")]
+        ratio = "" if row["ratio"] is None else f"{row['ratio']:.3f}"
+        error = "" if row["standard_error"] is None else f" ± {row['standard_error']:.2f}"
+        table.add_row(name + unit, *sides, ratio, f"{row['difference']:+.2f}{error}")
+    return table
+
+
+class Progress:
+    """A line on stderr every few seconds: which side, how far, how long it will take at most."""
+
+    def __init__(self) -> None:
+        self._console = Console(file=sys.stderr)
+        self._begin = self._shown = 0.0
+
+    def __call__(self, side: str, done: int, total: int) -> None:
+        """Takes in a control step. The time is counted from the side's third one: those before hold compilations."""
+        now = time.monotonic()
+        if done <= COMPILING:
+            self._begin = self._shown = now
+        if now - self._shown < LINE_SECONDS:
+            return
+        self._shown = now
+        left = (now - self._begin) / (done - COMPILING) * (total - done)
+        text = f"{side}: {done:,}/{total:,} control steps, {duration(left)} left at most"
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)

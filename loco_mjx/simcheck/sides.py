@@ -1,0 +1,168 @@
+"""The two worlds of a comparison: our environment, and C MuJoCo's A1 behind the deployment's robot protocol.
+
+Scenes, starts, rewards, terminations and metrics are the environment's on both sides. On C's side everything else is
+independent: physics on the full scene with its real geoms, depth by mj_multiRay, the observation by the deployment's
+NumPy code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from typing import Any
+
+import jax
+import jax.numpy as jp
+import numpy as np
+from brax.envs.base import State
+from jax.sharding import Mesh, NamedSharding
+from jax.sharding import PartitionSpec as P
+
+from loco_mjx import a1
+from loco_mjx.deploy.folder import DEPTH, STATE, Manifest
+from loco_mjx.deploy.mujoco_robot import MujocoRobot
+from loco_mjx.deploy.observer import Observer
+from loco_mjx.env.loco_env import LocoEnv
+from loco_mjx.mesh import AXIS, spread
+from loco_mjx.physics.step import Outcome, PhysicsState
+from loco_mjx.scene import mjcf
+from loco_mjx.scene.types import Scene
+
+Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
+KEYS = {STATE: "state", DEPTH: "pixels/depth"}
+FEET = tuple(f"{leg}_foot_sphere" for leg in a1.LEGS)
+
+
+def start(env: LocoEnv, seed: int, episodes: int) -> State:
+    """The first states of some episodes, batched: the ones that an evaluation with that seed has."""
+    keys = jax.vmap(jax.random.fold_in, (None, 0))(jax.random.PRNGKey(seed), jp.arange(episodes))
+    return jax.jit(jax.vmap(lambda key: env.reset(jax.random.split(key)[0])))(keys)
+
+
+class MjxSide:
+    """Our environment."""
+
+    name = "MJX"
+
+    def __init__(self, env: LocoEnv, manifest: Manifest, policy: Policy, pool: Executor, mesh: Mesh) -> None:
+        """Prepares the program; `pool` runs the policy, `mesh` is of `make_mesh`."""
+        self._manifest, self._policy, self._pool = manifest, policy, pool
+        self._mesh = mesh
+        self._scale = np.tile(np.array(env.config.action.scale), 4)
+        self._diagonal = env.config.action.diagonal
+        advance = spread(jax.vmap(env.step), mesh, P(AXIS), P(AXIS))
+        # Arrays without elements would come back otherwise placed, and the second step would compile again.
+        self._advance = jax.jit(advance, out_shardings=NamedSharding(mesh, P(AXIS)))
+        self._held: np.ndarray | None = None
+
+    def begin(self, state: State) -> State:
+        """Takes the first states."""
+        return jax.device_put(state, NamedSharding(self._mesh, P(AXIS)))
+
+    def step(self, state: State, t: int, alive: np.ndarray) -> State:
+        """One control step of every episode; those not alive act by the default pose."""
+        obs = {name: np.asarray(state.obs[KEYS[name]]) for name in self._manifest.shapes}
+        if DEPTH in obs:
+            if self._held is None or t % self._manifest.hold == 0:
+                self._held = obs[DEPTH]
+            obs[DEPTH] = self._held
+        action = np.zeros((len(alive), 12))
+        going = np.flatnonzero(alive)
+        targets = list(self._pool.map(lambda i: self._policy({name: obs[name][i] for name in obs}), going))
+        if targets:
+            away = np.array(targets) - self._manifest.default_pose
+            action[going] = np.divide(away, self._scale, out=np.zeros_like(away), where=self._scale > 0)
+        if self._diagonal:
+            action = action[:, :6]  # FR and FL; the others follow
+        return self._advance(state, jp.asarray(action, jp.float32))
+
+
+class WatchedRobot(MujocoRobot):
+    """C MuJoCo's A1, of which is known what the reward needs.
+
+    Attributes:
+        torque_squared: sum over the physics steps of the sum of squared torques, (N·m)².
+        contact: whether any part has touched an obstacle or a wall.
+    """
+
+    def __init__(self, model: Any, *args: Any, **more: Any) -> None:
+        solid = [model.geom(i).name.endswith(f"_{mjcf.CONTACT}") for i in range(model.ngeom)]
+        steps = [model.geom(i).name.startswith("step_") for i in range(model.ngeom)]
+        self._solid = np.array(solid) & ~np.array(steps)
+        self.forget()
+        super().__init__(model, *args, **more)
+
+    def forget(self) -> None:
+        """Starts a new control step."""
+        self.torque_squared, self.contact = 0.0, False
+
+    def command(self, targets: np.ndarray, kp: float, kd: float) -> None:
+        """One physics step; contacts are those at its start, as in ours."""
+        super().command(targets, kp, kd)
+        self.torque_squared += float(self.data.ctrl @ self.data.ctrl)
+        if not self.contact and self.data.ncon:
+            touching = self.data.contact.geom[self.data.contact.dist < 0]
+            self.contact = bool(self._solid[touching].any())
+
+
+class CSide:
+    """C MuJoCo, one full model per episode."""
+
+    name = "C MuJoCo"
+
+    def __init__(self, env: LocoEnv, manifest: Manifest, policy: Policy, pool: Executor) -> None:
+        """Prepares the programs; `pool` runs the episodes."""
+        self._env, self._manifest, self._policy, self._pool = env, manifest, policy, pool
+        self._next_scene = jax.jit(jax.vmap(env.next_scene))
+        self._conclude = jax.jit(jax.vmap(env.conclude))
+        self.robots: list[WatchedRobot] = []
+
+    def begin(self, state: State) -> State:
+        """Builds the scenes of the first states and puts the robots where those have them."""
+        scenes = jax.tree.map(np.asarray, state.pipeline_state.scene)
+        starts = np.asarray(state.pipeline_state.physics.qpos, np.float64)
+        self.robots = list(self._pool.map(lambda i: self._robot(_one(scenes, i), starts[i]), range(len(starts))))
+        self._observers = [Observer(self._manifest) for _ in starts]
+        self._targets = np.tile(self._manifest.default_pose, (len(starts), 1))
+        return state
+
+    def _robot(self, scene: Scene, qpos: np.ndarray) -> WatchedRobot:
+        model = mjcf.scene_spec(scene).compile()
+        model.key_qpos[0] = qpos
+        for foot in FEET:
+            model.geom(foot).friction[0] = self._env.config.physics.friction
+        return WatchedRobot(model, self._manifest.camera, lying=False)
+
+    def step(self, state: State, t: int, alive: np.ndarray) -> State:
+        """One control step of every episode that is alive; the others stay where they are."""
+        scene = self._next_scene(state) if self._env.task.moving else state.pipeline_state.scene
+        if self._env.task.moving:
+            for i in np.flatnonzero(alive):
+                robot = self.robots[i]
+                mjcf.place_boxes(robot.model, robot.data, _one(scene, i))
+        list(self._pool.map(self._control_step, np.flatnonzero(alive)))
+        physics, outcome = self._measured()
+        command = jp.asarray(self._targets - self._manifest.default_pose, jp.float32)
+        return self._conclude(state, scene, physics, outcome, command)
+
+    def _control_step(self, i: int | np.integer) -> None:
+        robot = self.robots[i]
+        frame = robot.depth() if self._manifest.camera is not None else None
+        obs = self._observers[i].observe(robot.read(), frame, self._targets[i])
+        self._targets[i] = self._policy(obs)
+        robot.forget()
+        for _ in range(a1.SUBSTEPS):
+            robot.command(self._targets[i], self._manifest.kp, self._manifest.kd)
+
+    def _measured(self) -> tuple[PhysicsState, Outcome]:
+        """What the physics would say of this step; its traces are the last moment's, whose history nobody reads."""
+        qpos = jp.asarray(np.array([robot.data.qpos for robot in self.robots]), jp.float32)
+        qvel = jp.asarray(np.array([robot.data.qvel for robot in self.robots]), jp.float32)
+        trace = [jp.repeat(x[:, None], a1.SUBSTEPS + 1, axis=1) for x in (qpos[:, 7:], qpos[:, 3:7], qvel[:, 3:6])]
+        squared = jp.asarray([robot.torque_squared / a1.SUBSTEPS for robot in self.robots], jp.float32)
+        contact = jp.asarray([robot.contact for robot in self.robots])
+        return PhysicsState(qpos, qvel, jp.zeros_like(qvel)), Outcome(squared, contact, *trace)
+
+
+def _one(tree: Any, i: int | np.integer) -> Any:
+    return jax.tree.map(lambda leaf: np.asarray(leaf[i]), tree)

@@ -1,0 +1,156 @@
+"""What is sent to the A1's motors and read from its packets: order, units, gains, pace. The SDK is a stand-in.
+
+It has the names and the layout of unitree_legged_sdk's Python binding, and answers, as the robot does, only who speaks
+to it. That a robot does with these packets what it should is beyond any test here; docs/deployment.md says so.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from loco_mjx import a1
+from loco_mjx.cli.main import main
+from loco_mjx.deploy.a1_robot import NO_POSITION, A1Robot
+from loco_mjx.deploy.robot import RobotError
+from loco_mjx.errors import UserError
+from tests.deploy import flat
+
+ANGLES = np.array(a1.DEFAULT_POSE) + 0.01 * np.arange(12)
+
+
+class Udp:
+    """Keeps what is sent; each packet sent is answered by one with the robot's state."""
+
+    def __init__(self, *address):
+        self.address, self.sent, self.times, self.ticks, self.mute = address, [], [], 0, False
+        Udp.last = self
+
+    def InitCmdData(self, command):  # noqa: N802
+        command.ready = True
+
+    def SetSend(self, command):  # noqa: N802
+        assert command.ready
+        motors = command.motorCmd
+        self.sent.append([(m.mode, m.q, m.dq, m.Kp, m.Kd, m.tau) for m in motors[:12]])
+
+    def Send(self):  # noqa: N802
+        self.times.append(time.monotonic())
+        self.ticks += 0 if self.mute else 2000
+
+    def Recv(self):  # noqa: N802
+        pass
+
+    def GetRecv(self, state):  # noqa: N802
+        state.tick = self.ticks
+        if self.ticks:
+            for i, motor in enumerate(state.motorState[:12]):
+                motor.q, motor.dq = float(ANGLES[i]), 0.1 * i
+            state.imu = SimpleNamespace(quaternion=[0.8, 0.6, 0.0, 0.0], gyroscope=[0.1, 0.2, 0.3])
+
+
+def _motors():
+    return [SimpleNamespace(mode=0, q=0.0, dq=0.0, Kp=0.0, Kd=0.0, tau=0.0) for _ in range(20)]
+
+
+@pytest.fixture
+def sdk(monkeypatch):
+    module = ModuleType("robot_interface")
+    module.limited = 0
+
+    class Safety:
+        def __init__(self, kind):
+            assert kind == "A1"
+
+        def PositionLimit(self, command):  # noqa: N802
+            module.limited += 1
+
+    module.UDP, module.Safety, module.LeggedType = Udp, Safety, SimpleNamespace(A1="A1")
+    module.LowCmd = lambda: SimpleNamespace(motorCmd=_motors(), ready=False)
+    module.LowState = lambda: SimpleNamespace(motorState=_motors(), imu=None, tick=0)
+    monkeypatch.setitem(sys.modules, "robot_interface", module)
+    return module
+
+
+def test_connecting_asks_for_no_torque(sdk):
+    A1Robot(None)
+    assert Udp.last.address == (0xFF, 8080, "192.168.123.10", 8007)
+    assert Udp.last.sent
+    for packet in Udp.last.sent:
+        assert all(motor == (0x0A, NO_POSITION, 16000.0, 0.0, 0.0, 0.0) for motor in packet)
+
+
+def test_measurements(sdk):
+    sensors = A1Robot(None).read()
+    np.testing.assert_allclose(sensors.angles, ANGLES)
+    np.testing.assert_allclose(sensors.velocities, 0.1 * np.arange(12))
+    np.testing.assert_allclose(sensors.quat, [0.8, 0.6, 0.0, 0.0])
+    np.testing.assert_allclose(sensors.gyro, [0.1, 0.2, 0.3])
+    assert sensors.position is None
+
+
+def test_commands_reach_the_motors_in_order(sdk):
+    robot = A1Robot(None)
+    targets = np.linspace(-1.0, 1.0, 12)
+    robot.command(targets, 40.0, 0.6)
+    assert sdk.limited == 1
+    np.testing.assert_allclose(Udp.last.sent[-1], [(0x0A, q, 0.0, 40.0, 0.6, 0.0) for q in targets])
+    robot.close()
+    assert all(motor[3:] == (0.0, 0.0, 0.0) for motor in Udp.last.sent[-1])
+
+
+def test_commands_are_no_faster_than_400_hz(sdk):
+    robot = A1Robot(None)
+    begin, count = len(Udp.last.times), 40
+    for _ in range(count + 1):
+        robot.command(ANGLES, 40.0, 0.6)
+    took = Udp.last.times[-1] - Udp.last.times[begin]
+    assert took >= (count - 1) * a1.PHYSICS_DT
+
+
+def test_a_robot_that_falls_silent_grows_old(sdk):
+    robot = A1Robot(None)
+    first = robot.read().time
+    robot.command(ANGLES, 40.0, 0.6)
+    second = robot.read().time
+    assert second > first
+    Udp.last.mute = True
+    for _ in range(5):
+        robot.command(ANGLES, 40.0, 0.6)
+    assert robot.read().time == second
+
+
+def test_a_robot_that_does_not_answer_is_not_commanded(sdk, monkeypatch):
+    monkeypatch.setattr("loco_mjx.deploy.a1_robot.CONNECT", 0.05)
+    monkeypatch.setattr(Udp, "Send", lambda self: None)
+    with pytest.raises(UserError, match="does not answer"):
+        A1Robot(None)
+    assert all(motor[3] == 0.0 for packet in Udp.last.sent for motor in packet)
+
+
+def test_there_is_no_depth_without_a_camera(sdk):
+    with pytest.raises(RobotError, match="no camera"):
+        A1Robot(None).depth()
+
+
+def test_policies_it_cannot_feed_are_refused_before_it_is_spoken_to(sdk, tmp_path, capsys):
+    Udp.last = None
+    flat.write(tmp_path)
+    assert main(["deploy", str(tmp_path), "--robot", "a1"]) == 2
+    assert "--env.observation.displacement False" in capsys.readouterr().err
+    fields = [*flat.raw()["inputs"]["state"]["fields"][1:], {"name": "goal", "size": 3, "frames": 3}]
+    inputs = flat.raw()["inputs"] | {"state": {"shape": [93], "fields": fields}}
+    flat.write(tmp_path, {"inputs": inputs})
+    assert main(["deploy", str(tmp_path), "--robot", "a1"]) == 2
+    assert "--env.observation.goal False" in capsys.readouterr().err
+    assert Udp.last is None
+
+
+def test_without_the_sdk(monkeypatch):
+    monkeypatch.setitem(sys.modules, "robot_interface", None)
+    with pytest.raises(UserError, match="unitree_legged_sdk"):
+        A1Robot(None)

@@ -1,0 +1,146 @@
+"""The two sides tell the same story of the same policy; each part of the comparison by itself."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from concurrent.futures import ThreadPoolExecutor
+
+import jax
+import numpy as np
+import pytest
+from brax.envs.base import State
+
+from loco_mjx import a1, make_env
+from loco_mjx.cli.main import main
+from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig, PhysicsConfig
+from loco_mjx.deploy import export, folder
+from loco_mjx.scene.mjcf import scene_spec
+from loco_mjx.scene.types import OBSTACLE, STEP
+from loco_mjx.simcheck.run import compare, run
+from loco_mjx.simcheck.sides import CSide, WatchedRobot, start
+from tests.deploy import flat, made
+from tests.physics import world
+
+HORIZON = 12
+BLIND = ObservationConfig(depth=DepthConfig(enabled=False))
+
+
+@pytest.fixture
+def policy(tmp_path, monkeypatch):
+    """A folder with a policy of random weights that flings its legs about."""
+    monkeypatch.setattr(export, "stablehlo", lambda policy: b"")
+    random = made.policy("state-only")
+    converged = PhysicsConfig(iterations=12, ls_iterations=12)
+    env = dataclasses.replace(random.config.env, observation=BLIND, horizon=HORIZON, physics=converged)
+    export.write(dataclasses.replace(random, config=dataclasses.replace(random.config, env=env)), tmp_path / "policy")
+    return tmp_path / "policy"
+
+
+def test_both_sides_agree_while_chaos_has_not_begun(policy, capsys):
+    """Any difference in observation, timing, gains, joint order or torque shows within half a second."""
+    assert main(["simcheck", str(policy), "--episodes", "2", "--seed", "3", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["task"], result["num_episodes"], result["policy"]) == ("thin", 2, "state-only")
+    c, mjx = (result["episodes"][name] for name in ("C MuJoCo", "MJX"))
+    assert set(c) == set(mjx) and c["length"] == mjx["length"] and max(c["length"]) > 5
+    np.testing.assert_allclose(c["reward/energy"], mjx["reward/energy"], rtol=0.005)
+    np.testing.assert_allclose(c["distance"], mjx["distance"], atol=0.001)
+    assert min(np.abs(c["distance"])) > 0.02 or np.ptp(c["distance"]) > 0.02  # it does move
+    np.testing.assert_allclose(c["return"], mjx["return"], atol=0.001 / a1.CONTROL_DT)
+    row = result["metrics"]["distance"]
+    assert row["difference"] == pytest.approx(row["c_mean"] - row["mjx_mean"])
+
+
+def test_bad_input(policy, tmp_path, capsys):
+    for words, said in (
+        ([str(tmp_path / "none")], "no policy folder"),
+        ([str(policy), "--task", "thn"], "'thin'"),
+        ([str(policy), "--episodes", "0"], "episodes is 0"),
+    ):
+        assert main(["simcheck", *words]) == 2
+        assert said in capsys.readouterr().err
+    raw = json.loads((policy / folder.MANIFEST).read_text())
+    del raw["config"]["env"]["horizon"]
+    (policy / folder.MANIFEST).write_text(json.dumps(raw))
+    assert main(["simcheck", str(policy)]) == 2
+
+
+@pytest.mark.parametrize(("kind", "contact"), [(OBSTACLE, True), (STEP, False)])
+def test_contact_is_with_obstacles_not_with_what_one_stands_on(kind, contact):
+    box = {"center": (0.0, 0.0, 0.0), "half": (0.5, 0.5, 0.005), "kind": kind}
+    robot = WatchedRobot(scene_spec(world.scene([box])).compile(), None, lying=False)
+    robot.data.qpos[2] = a1.STAND_HEIGHT + 0.004  # the feet 1 mm into the box
+    squared = 0.0
+    for _ in range(3):
+        robot.command(np.array(a1.DEFAULT_POSE), 40.0, 0.6)
+        squared += np.sum(robot.data.ctrl**2)
+    assert robot.data.ncon >= 4 and robot.contact == contact
+    assert robot.torque_squared == pytest.approx(squared) and squared > 0.1
+    robot.forget()
+    assert not robot.contact and robot.torque_squared == 0.0
+
+
+def test_moving_obstacles_are_where_the_environment_has_them():
+    env = make_env("moving", EnvConfig(observation=BLIND))
+    manifest = dataclasses.replace(flat.manifest(), camera=None)
+    first = start(env, 0, 2)
+    with ThreadPoolExecutor(2) as pool:
+        side = CSide(env, manifest, flat.still, pool)
+        state = side.begin(first)
+        for t in range(3):
+            state = side.step(state, t, np.array([True, True]))
+    for i, robot in enumerate(side.robots):
+        np.testing.assert_allclose(robot.data.qpos[:3], state.pipeline_state.physics.qpos[i, :3], atol=1e-6)
+        body = robot.model.body("obstacle_7")
+        now = np.asarray(state.pipeline_state.scene.boxes.center[i, 7])
+        np.testing.assert_allclose(robot.data.mocap_pos[body.mocapid[0]], now, atol=1e-6)
+    moved = np.asarray(state.pipeline_state.scene.boxes.center - first.pipeline_state.scene.boxes.center)
+    assert np.abs(moved[:, :50, :2]).max() == pytest.approx(3 * a1.CONTROL_DT * 0.42, rel=0.15)
+
+
+class Counting:
+    """Step t is worth t; episode i ends after i + 2 steps, and is worth 100 a step after that."""
+
+    name = "counting"
+
+    def begin(self, state):
+        return state
+
+    def step(self, state, t, alive):
+        end = np.arange(3) + 2
+        worth = np.where(t + 1 > end, 100.0, t + 1)
+        assert not np.any(alive & (t + 1 > end))
+        return state.replace(reward=2 * worth, done=(t + 1 == end) * 1.0, metrics={"distance": worth})
+
+
+def test_figures_are_sums_up_to_the_first_done():
+    zero, ticks = np.zeros(3), []
+    first = State(None, {}, zero, zero, {"distance": zero}, {"truncation": np.array([0.0, 1.0, 0.0])})
+    found = run(Counting(), first, 10, lambda *tick: ticks.append(tick))
+    np.testing.assert_array_equal(found["length"], [2, 3, 4])
+    np.testing.assert_array_equal(found["distance"], [3, 6, 10])
+    np.testing.assert_array_equal(found["return"], [6, 12, 20])
+    np.testing.assert_array_equal(found["survived"], [0, 1, 0])
+    assert ticks[-1] == ("counting", 4, 10)
+
+
+def test_comparison_is_paired():
+    """Scenes differ by metres, the sides by 10 cm in each: the error is that of the sides' difference."""
+    mjx = {"distance": np.array([1.0, 5.0, 9.0]), "spheres": np.zeros(3)}
+    c = {"distance": np.array([1.1, 5.2, 9.0]), "spheres": np.zeros(3)}
+    rows = compare(c, mjx)
+    assert rows["distance"]["difference"] == pytest.approx(0.1)
+    assert rows["distance"]["standard_error"] == pytest.approx(0.1 / np.sqrt(3))
+    assert rows["distance"]["ratio"] == pytest.approx(5.1 / 5.0)
+    assert rows["spheres"]["ratio"] is None
+    assert compare({"x": np.ones(1)}, {"x": np.ones(1)})["x"]["standard_error"] is None
+
+
+def test_starts_are_those_of_an_evaluation():
+    env = make_env("thin", EnvConfig(observation=BLIND))
+    key = jax.random.fold_in(jax.random.PRNGKey(5), 1)
+    alone = jax.jit(env.reset)(jax.random.split(key)[0])
+    both = start(env, 5, 2)
+    np.testing.assert_allclose(both.pipeline_state.physics.qpos[1], alone.pipeline_state.physics.qpos, atol=1e-6)
+    np.testing.assert_allclose(both.pipeline_state.scene.boxes.center[1], alone.pipeline_state.scene.boxes.center)
