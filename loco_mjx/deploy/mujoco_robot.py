@@ -157,7 +157,9 @@ class MujocoRobot:
         groups[SEEN_GROUP] = 1
         hit, distance = np.full(len(rays), -1, np.int32), np.zeros(len(rays))
         origin = trunk.xpos + camera.offset * rotation[:, 0]
-        unit, cutoff = (rays / length[:, None]).ravel(), camera.far * float(length.max())
+        unit = (rays / length[:, None]).ravel()
+        # Nothing farther than `far` is in range; but MuJoCo leaves out a plane whose origin is beyond the cutoff.
+        cutoff = camera.far * float(length.max()) + float(np.linalg.norm(origin))
         mujoco.mj_multiRay(
             self.model, self.data, origin, unit, groups, True, -1, hit, distance, None, len(rays), cutoff
         )

@@ -57,7 +57,8 @@ def cast(
     visible = np.zeros(mujoco.mjNGROUP, np.uint8)
     visible[list(groups)] = 1
     hit, distance = np.full(len(rays), -1, np.int32), np.zeros(len(rays))
-    cutoff = config.far * float(length.max())  # nothing beyond is in range
+    # Nothing farther than `far` is in range; but MuJoCo leaves out an infinite plane whose origin is beyond the cutoff.
+    cutoff = config.far * float(length.max()) + float(np.linalg.norm(origin))
     unit = (rays / length[:, None]).ravel()
     mujoco.mj_multiRay(model, data, origin, unit, visible, True, -1, hit, distance, None, len(rays), cutoff)
     depth = np.where(hit >= 0, distance / length, config.far)

@@ -21,7 +21,7 @@ from loco_mjx.scene.types import Scene
 
 CONFIG = DepthConfig()
 SCENES = 20
-COURSE = (-1.0, 12.0)  # m
+COURSE = (-1.0, 32.0)  # m
 
 
 def draw_pose(key: jax.Array, scene: Scene) -> jax.Array:
