@@ -24,7 +24,7 @@ setup: $(STAMP)  ## Makes .venv with everything pinned in constraints.txt.
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $(STAMP)
 
 train: $(STAMP)  ## Trains POLICY on ENV, e.g. make train ENV=mountain POLICY=loco-transformer SEED=0 STEPS=1000000.
@@ -37,7 +37,7 @@ paper: $(STAMP)  ## Runs the paper's experiments, or goes on; SCALE=0.01 is a hu
 	$(BIN)/python -m experiments.paper --scale $(SCALE) $(ARGS)
 
 test: $(STAMP)  ## Runs the whole test suite.
-	$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)
 
 lint: $(STAMP)  ## Style and types.
 	$(BIN)/ruff check .

@@ -18,13 +18,24 @@ Written by `python -m experiments.document` from the files under `experiments/re
 """
 LEARNING = """## Learning, on a CPU
 
-`python -m experiments.learning` trains these with the `fast` preset, seed 0, and evaluates each on {episodes}
+`python -m experiments.learning` trains these with the `fast` preset and evaluates each on {episodes}
 episodes of 1,000 control steps in scenes it has not seen. Distances in m, lengths in control steps. "At the start"
 is the same policy after its first iteration: acting by its mean it stands still, exploring it falls over.
 "Exploring" is the policy as it acts in training, drawing from its Gaussian; the mean of the last {tail} iterations.
 The runs shared the machine with other work: their times are upper bounds.
 
 ![Distance and episode length over samples](learning.png)
+"""
+COMPARISON = """## Policies on `thin`, against the paper's ordering
+
+The same runs, on the task they were trained on and on `wide`, which they have never seen: the mean over seeds of
+{episodes} deterministic episodes each. The paper's figures (its table 1: trained on thin obstacles, evaluated on wide
+ones) stand on 15 million samples and five seeds, ours on the samples above: what is compared is the order.
+"""
+SIMCHECK = """## The exported policy in C MuJoCo and in MJX
+
+`loco-mjx simcheck POLICY --json`: the same ONNX file, scenes and starts; C MuJoCo with the full scene, every obstacle a
+real geom, and depth by `mj_multiRay`. The difference is C − MJX with the standard error of the paired mean.
 """
 SPEED = """## Speed, on a CPU
 
@@ -94,6 +105,54 @@ def learning() -> str:
     return text + "\n"
 
 
+def comparison() -> str:
+    """The section on policies trained on `thin`."""
+    from loco_mjx.compare import paper
+
+    groups = {
+        label: [path for name, path in runs().items() if name.startswith(f"thin-{variant.policy}-seed")]
+        for label, variant in paper.POLICIES.items()
+    }
+    groups = {label: paths for label, paths in groups.items() if paths}
+    columns = [(file, metric) for file in ("evaluation", "evaluation-wide") for metric in ("distance", "collisions")]
+    ours = {label: [_over_seeds(paths, *column) for column in columns] for label, paths in groups.items()}
+    printed = {row.label: (row.values[1], row.values[3]) for row in paper.GENERALIZATION.rows}
+    head = ["policy", "seeds", "distance", "collisions", "distance on wide", "collisions on wide"]
+    head += ["paper: distance on wide", "paper: collisions on wide"]
+    body = [
+        [paper.POLICIES[label].policy, str(len(groups[label])), *(f"{x:.{1 - i % 2}f}" for i, x in enumerate(means))]
+        + [f"{x[0]} ± {x[1]}" if x else "—" for x in printed[label]]
+        for label, means in ours.items()
+    ]
+    text = COMPARISON.format(episodes=len_episodes(runs())) + "\n" + table(head, body)
+    order = sorted(ours, key=lambda label: -ours[label][2])
+    theirs = sorted(ours, key=lambda label: -(printed[label][0] or (0.0,))[0])
+    names = [" > ".join(paper.POLICIES[label].policy for label in labels) for labels in (order, theirs)]
+    return text + f"\nDistance on `wide`, ours: {names[0]}. The paper's: {names[1]}.\n"
+
+
+def _over_seeds(paths: list[Path], file: str, metric: str) -> float:
+    values = [json.loads((path / f"{file}.json").read_text())["metrics"][metric]["mean"] for path in paths]
+    return sum(values) / len(values)
+
+
+def simcheck() -> str:
+    """The section on sim-to-sim."""
+    head = ["policy", "task", "episodes", "metric", "C MuJoCo", "MJX", "ratio", "difference"]
+    body = []
+    for path in sorted((RESULTS / "simcheck").glob("*.json")):
+        result = json.loads(path.read_text())
+        for name in ("distance", "collisions", "return", "length"):
+            m = result["metrics"][name]
+            body.append(
+                [result["policy"], result["task"], str(result["num_episodes"]), name]
+                + [f"{m[f'{side}_mean']:.2f} ± {m[f'{side}_std']:.2f}" for side in ("c", "mjx")]
+                + ["—" if m["ratio"] is None else f"{m['ratio']:.3f}"]
+                + [f"{m['difference']:+.2f} ± {m['standard_error']:.2f}"]
+            )
+    return SIMCHECK + "\n" + table(head, body)
+
+
 def len_episodes(found: dict[str, Path]) -> int:
     """How many episodes the evaluations have; they agree."""
     counts = {json.loads((p / "evaluation.json").read_text())["num_episodes"] for p in found.values()}
@@ -152,7 +211,7 @@ def curves() -> None:
 def main() -> None:
     """Writes the document and its figure."""
     curves()
-    (ROOT / "docs" / "results.md").write_text("\n".join([INTRO, learning(), speed()]))
+    (ROOT / "docs" / "results.md").write_text("\n".join([INTRO, learning(), comparison(), simcheck(), speed()]))
 
 
 if __name__ == "__main__":

@@ -24,29 +24,34 @@ class Run:
     Attributes:
         task: to train on.
         policy: to train.
+        seed: of everything random.
+        elsewhere: other tasks to evaluate on.
         samples: environment steps.
     """
 
     task: str
     policy: str
-    samples: int
+    seed: int = 0
+    elsewhere: tuple[str, ...] = ()
+    samples: int = 1_024_000
 
     @property
     def name(self) -> str:
         """Name of its directories."""
-        return f"{self.task}-{self.policy}"
+        return f"{self.task}-{self.policy}-seed{self.seed}"
 
 
+POLICIES = ("loco-transformer", "state-only", "state-depth-concat", "depth-only")
 RUNS = (
-    Run("thin", "loco-transformer", 1_024_000),
-    Run("mountain", "loco-transformer", 1_024_000),
-    Run("thin", "state-only", 1_600_000),
+    *(Run("thin", policy, seed, ("wide",)) for seed in (0, 1) for policy in POLICIES),
+    Run("mountain", "loco-transformer"),
 )
 
 
 def train(run: Run, directory: Path) -> None:
-    """Trains, or goes on training, in a directory, with the `fast` preset and seed 0."""
-    command = ["--task", run.task, "--policy", run.policy, "--total-steps", str(run.samples), "--out", str(directory)]
+    """Trains, or goes on training, in a directory, with the `fast` preset."""
+    command = ["--task", run.task, "--policy", run.policy, "--seed", str(run.seed)]
+    command += ["--total-steps", str(run.samples), "--out", str(directory)]
     subprocess.run([sys.executable, "-m", "loco_mjx.cli.main", "train", *command], check=True)
 
 
@@ -66,41 +71,45 @@ def standing_still(directory: Path) -> dict[str, float]:
     return means(program.run(params, policy.normalizer, seed=0, episodes=EPISODES))
 
 
-def evaluate(directory: Path) -> dict[str, object]:
-    """The trained policy's figures, as `loco-mjx evaluate` reports them, and those of standing still."""
+def evaluate(directory: Path, task: str) -> dict[str, object]:
+    """The trained policy's figures on a task, as `loco-mjx evaluate` reports them."""
     from loco_mjx.evaluation import report
 
-    result = report.evaluate(directory, episodes=EPISODES)
-    result["standing_still"] = standing_still(directory)
+    result = report.evaluate(directory, task=task, episodes=EPISODES)
     result.pop("run", None)  # a path of the machine it ran on
     return result
 
 
-def keep(run: Run, directory: Path, result: dict[str, object]) -> None:
-    """Copies what the documents need into the results."""
+def keep(run: Run, directory: Path) -> None:
+    """Evaluates a run, and copies what the documents need into the results."""
+    results = {"evaluation": evaluate(directory, run.task) | {"standing_still": standing_still(directory)}}
+    results |= {f"evaluation-{task}": evaluate(directory, task) for task in run.elsewhere}
     target = RESULTS / run.name
     target.mkdir(parents=True, exist_ok=True)
     for name in ("metrics.csv", "config.json"):
         shutil.copyfile(directory / name, target / name)
     info = json.loads((directory / "info.json").read_text())
     (target / "info.json").write_text(json.dumps(info, indent=1) + "\n")
-    (target / "evaluation.json").write_text(json.dumps(result, indent=1) + "\n")
+    for name, result in results.items():
+        (target / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
 
 
 def main() -> None:
     """Runs the experiments that the command line names, or all."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=[run.name for run in RUNS], help="runs, e.g. thin-state-only")
+    parser.add_argument("names", nargs="*", default=[run.name for run in RUNS], help="runs, e.g. thin-state-only-seed0")
     parser.add_argument("--runs", type=Path, default=Path("runs/learning"), help="where the run directories are")
+    parser.add_argument("--keep-only", action="store_true", help="train nothing; evaluate and keep what is trained")
     options = parser.parse_args()
     from loco_mjx.run import machine
 
     chosen = [run for run in RUNS if run.name in options.names]
     for run in chosen:
-        train(run, options.runs / run.name)
+        if not options.keep_only:
+            train(run, options.runs / run.name)
     machine.set_up()
     for run in chosen:
-        keep(run, options.runs / run.name, evaluate(options.runs / run.name))
+        keep(run, options.runs / run.name)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,15 @@ jax.config.update("jax_compilation_cache_dir", str(_CACHE))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
+# Files whose tests take longest start first, so that no worker is left alone with one at the end.
+_LONG = ("test_web.py", "test_simcheck.py", "test_learning.py", "test_loco_env.py", "test_ray.py", "test_hosts.py")
+_LONG += ("test_depth_c_mujoco.py", "test_physics_c_mujoco.py", "test_train.py", "test_seeds.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Orders the files; within one, tests stay as they are."""
+    items.sort(key=lambda item: _LONG.index(item.path.name) if item.path.name in _LONG else len(_LONG))
+
 
 @pytest.fixture
 def key() -> jax.Array:

@@ -29,6 +29,7 @@ AUTO = "auto"  # the cluster that runs on this machine
 CONNECT_SECONDS = 10.0
 RETRIES = 3
 SAVE_SECONDS = 300.0  # for a run that was told to stop: it ends its iteration first
+AGAIN_SECONDS = 30.0  # after which an interrupt is sent again; a run has saved by then
 OBJECT_STORE_BYTES = 100_000_000  # of a cluster started here; cells are paths, Ray would take a third of the memory
 
 
@@ -213,11 +214,16 @@ def _wait_while_claimed(lock: Path) -> None:
 
 
 def _cancel(ray: Any, tasks: list[Any]) -> None:
-    """Interrupts tasks and waits for their runs to save; a second Ctrl-C does not wait."""
+    """Interrupts tasks and waits for their runs to save; a second Ctrl-C does not wait.
+
+    An interrupt that meets a worker inside Ray's own code is lost, so it is sent again to those that go on.
+    """
+    end = time.monotonic() + SAVE_SECONDS
     with contextlib.suppress(KeyboardInterrupt):
-        for task in tasks:
-            ray.cancel(task)
-        ray.wait(tasks, num_returns=len(tasks), timeout=SAVE_SECONDS) if tasks else None
+        while tasks and time.monotonic() < end:
+            for task in tasks:
+                ray.cancel(task)
+            _, tasks = ray.wait(tasks, num_returns=len(tasks), timeout=AGAIN_SECONDS)
 
 
 def _line(error: BaseException) -> str:

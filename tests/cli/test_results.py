@@ -7,7 +7,7 @@ import pytest
 
 from loco_mjx.cli import bench as bench_cli
 from loco_mjx.cli.main import main
-from loco_mjx.run import bench, checkpoint, directory, loop
+from loco_mjx.run import bench, checkpoint, directory, record
 from tests.run.tiny import TinyEnv, tiny_config, tiny_trainer
 
 
@@ -18,7 +18,7 @@ def trained(tmp_path, monkeypatch):
     with directory.claim(tmp_path / "run"):
         directory.record_start(tmp_path / "run", config, {})
     state, _ = trainer.iterate(trainer.init(), trainer.make_pool(0))
-    checkpoint.save(tmp_path / "run", 32, state, loop.policy_of(state), config)
+    checkpoint.save(tmp_path / "run", 32, state, record.policy_of(state), config)
     import loco_mjx.evaluation.policy
     import loco_mjx.evaluation.report
 

@@ -141,7 +141,7 @@ def test_the_time_left_is_samples_over_the_rate_of_the_same_policy(tmp_path, cap
     monkeypatch.setattr(estimate.shutil, "which", lambda name: None)
     monkeypatch.setattr(estimate.machine, "cores", lambda: 2)
     all_cells = cells(tmp_path)
-    assert dict(estimate.rates(all_cells)) == {"state-only": 4000.0, "loco-transformer": 700.0}
+    assert dict(estimate.rates(all_cells)) == {"state-only": 8000.0, "loco-transformer": 800.0}
     assert estimate.seconds_left(all_cells, {"state-only": 4096.0, "loco-transformer": 512.0}) == 2 * (4 + 32)
     Stub()(all_cells[0].train_command(), all_cells[0].log, lambda: None)
     assert estimate.rates(all_cells)["state-only"] == pytest.approx(1000.0)  # 16,384 samples in 16.384 s

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import jax.numpy as jp
 import numpy as np
-import pytest
 
 from loco_mjx.ppo.train import Trainer
 from tests.ppo.probes import DelayedProbe, DepthSignProbe, EndingProbe, tiny
@@ -38,9 +37,8 @@ def test_credit_for_a_delayed_reward():
     assert metrics["episode/return"] > 0.8  # of at most 1; 0 by chance
 
 
-@pytest.mark.parametrize("policy", ["loco-transformer", "depth-only"])
-def test_policy_reads_the_depth_image(policy):
+def test_policy_reads_the_depth_image():
     """The sign shows in the image only."""
-    config = tiny(policy, learning_rate=2e-3, epochs=3)
-    _, _, metrics = _train(config, DepthSignProbe(), 16)
+    config = tiny("loco-transformer", learning_rate=2e-3, epochs=3)
+    _, _, metrics = _train(config, DepthSignProbe(), 12)
     assert metrics["step/reward"] > 0.8  # 0 without looking

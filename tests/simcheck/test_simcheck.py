@@ -61,7 +61,7 @@ def test_bad_input(policy, tmp_path, capsys):
         assert main(["simcheck", *words]) == 2
         assert said in capsys.readouterr().err
     raw = json.loads((policy / folder.MANIFEST).read_text())
-    del raw["config"]["env"]["horizon"]
+    raw["config"]["env"]["weather"] = "fine"
     (policy / folder.MANIFEST).write_text(json.dumps(raw))
     assert main(["simcheck", str(policy)]) == 2
 
