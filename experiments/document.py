@@ -34,8 +34,9 @@ ones) stand on 15 million samples and five seeds, ours on the samples above: wha
 """
 SIMCHECK = """## The exported policy in C MuJoCo and in MJX
 
-`loco-mjx simcheck POLICY --json`: the same ONNX file, scenes and starts; C MuJoCo with the full scene, every obstacle a
-real geom, and depth by `mj_multiRay`. The difference is C − MJX with the standard error of the paired mean.
+`python -m experiments.simcheck` exports these policies and compares (`loco-mjx simcheck POLICY --json`): the same ONNX
+file, scenes and starts; C MuJoCo with the full scene, every obstacle a real geom, and depth by `mj_multiRay`. The
+difference is C − MJX with the standard error of the paired mean.
 """
 SPEED = """## Speed, on a CPU
 
@@ -101,7 +102,9 @@ def learning() -> str:
     text = LEARNING.format(episodes=len_episodes(found), tail=TAIL)
     text += "\n" + table(head, [learning_row(name, path) for name, path in found.items()])
     for name, path in found.items():
-        text += f"\n- `{name}`: {machine(json.loads((path / 'info.json').read_text()))}"
+        physics = json.loads((path / "config.json").read_text())["env"]["physics"]
+        solver = f"solver {physics['iterations']} × {physics['ls_iterations']} iterations"
+        text += f"\n- `{name}`: {solver}; {machine(json.loads((path / 'info.json').read_text()))}"
     return text + "\n"
 
 

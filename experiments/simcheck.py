@@ -1,0 +1,37 @@
+"""Is C MuJoCo's walk ours? Exports trained policies and compares: ``python -m experiments.simcheck NAME ...``.
+
+NAME is a run of ``experiments.learning``; results go to ``experiments/results/cpu/simcheck/``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+RESULTS = Path(__file__).parent / "results" / "cpu" / "simcheck"
+EPISODES = 64
+
+
+def main() -> None:
+    """Compares the policies that the command line names."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="+", help="runs, e.g. thin-state-only-seed0")
+    parser.add_argument("--runs", type=Path, default=Path("runs/learning"), help="where the run directories are")
+    options = parser.parse_args()
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    program = [sys.executable, "-m", "loco_mjx.cli.main"]
+    for name in options.names:
+        with tempfile.TemporaryDirectory() as folder:
+            policy = str(Path(folder) / "policy")
+            subprocess.run([*program, "export", str(options.runs / name), "--out", policy], check=True)
+            command = [*program, "simcheck", policy, "--episodes", str(EPISODES), "--json"]
+            done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+        (RESULTS / f"{name}.json").write_text(json.dumps(json.loads(done.stdout), indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
