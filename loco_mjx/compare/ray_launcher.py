@@ -11,7 +11,9 @@ import fcntl
 import importlib.util
 import logging
 import os
+import signal
 import socket
+import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +31,6 @@ AUTO = "auto"  # the cluster that runs on this machine
 CONNECT_SECONDS = 10.0
 RETRIES = 3
 SAVE_SECONDS = 300.0  # for a run that was told to stop: it ends its iteration first
-AGAIN_SECONDS = 30.0  # after which an interrupt is sent again; a run has saved by then
 OBJECT_STORE_BYTES = 100_000_000  # of a cluster started here; cells are paths, Ray would take a third of the memory
 
 
@@ -195,6 +196,9 @@ def _absolute(cell: Cell) -> Cell:
 
 def _work(cell: Cell, run: Runner) -> str | None:
     """Runs a cell in a worker; what went wrong, or None."""
+    # Ray cancels by the handler of SIGINT, and a cluster that was started in a shell's background ignores that.
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if not cell.path.parent.is_dir():
         return f"{socket.gethostname()} does not see {cell.path.parent}; give an --out that all nodes share"
     _wait_while_claimed(cell.path / LOCK)
@@ -214,16 +218,11 @@ def _wait_while_claimed(lock: Path) -> None:
 
 
 def _cancel(ray: Any, tasks: list[Any]) -> None:
-    """Interrupts tasks and waits for their runs to save; a second Ctrl-C does not wait.
-
-    An interrupt that meets a worker inside Ray's own code is lost, so it is sent again to those that go on.
-    """
-    end = time.monotonic() + SAVE_SECONDS
+    """Interrupts tasks and waits for their runs to save; a second Ctrl-C does not wait."""
     with contextlib.suppress(KeyboardInterrupt):
-        while tasks and time.monotonic() < end:
-            for task in tasks:
-                ray.cancel(task)
-            _, tasks = ray.wait(tasks, num_returns=len(tasks), timeout=AGAIN_SECONDS)
+        for task in tasks:
+            ray.cancel(task)
+        ray.wait(tasks, num_returns=len(tasks), timeout=SAVE_SECONDS) if tasks else None
 
 
 def _line(error: BaseException) -> str:
