@@ -113,20 +113,6 @@ def test_normaliser_takes_in_what_was_collected_after_the_update(two):
     assert float(state.normalizer.count) == 128 - float(rollout.reset.sum()) < 128
 
 
-def test_seeds_can_be_vmapped(one):
-    pool = one.make_pool(0)
-    keys = jp.stack([jax.random.PRNGKey(seed) for seed in (0, 1)])
-    states = jax.jit(jax.vmap(one.start, (0, None)))(keys, pool)
-    states, metrics = jax.jit(jax.vmap(one.step, (0, None)))(states, pool)
-    alone, expected = one.iterate(one.init(), pool)
-    assert metrics["loss/total"].shape == (2,)
-    for name, value in expected.items():
-        np.testing.assert_allclose(metrics[name][0], value, rtol=1e-3, atol=1e-4, err_msg=name)
-    assert abs(float(metrics["policy/approx_kl"][0] - metrics["policy/approx_kl"][1])) > 0
-    first = jax.tree.map(lambda x: x[0], states.params)
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-3), first, alone.params)
-
-
 def test_learns_and_nothing_that_is_not_finite_reaches_the_parameters(two):
     state, history = _train(two, 40)
     assert all(np.isfinite(x).all() for x in jax.tree.leaves((state.params, state.opt_state, state.normalizer)))
