@@ -153,7 +153,7 @@ def simcheck() -> str:
                 + ["—" if m["ratio"] is None else f"{m['ratio']:.3f}"]
                 + [f"{m['difference']:+.2f} ± {m['standard_error']:.2f}"]
             )
-    return SIMCHECK + "\n" + table(head, body)
+    return SIMCHECK + "\n" + table(head, body) if body else ""
 
 
 def len_episodes(found: dict[str, Path]) -> int:
@@ -214,7 +214,9 @@ def curves() -> None:
 def main() -> None:
     """Writes the document and its figure."""
     curves()
-    (ROOT / "docs" / "results.md").write_text("\n".join([INTRO, learning(), comparison(), simcheck(), speed()]))
+    (ROOT / "docs" / "results.md").write_text(
+        "\n".join(part for part in (INTRO, learning(), comparison(), simcheck(), speed()) if part)
+    )
 
 
 if __name__ == "__main__":
