@@ -19,6 +19,16 @@ _LONG = ("test_web.py", "test_simcheck.py", "test_learning.py", "test_loco_env.p
 _LONG += ("test_depth_c_mujoco.py", "test_physics_c_mujoco.py", "test_train.py", "test_seeds.py")
 
 
+# Where arithmetic is tested, programs are compiled as users' are; elsewhere without optimisation, in half the time.
+_OPTIMIZED = ("oracle", "physics", "depth", "env", "ppo", "simcheck")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Chooses, before any fixture is made, how its programs are compiled."""
+    jax.config.update("jax_disable_most_optimizations", item.path.parent.name not in _OPTIMIZED)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Orders the files; within one, tests stay as they are."""
     items.sort(key=lambda item: _LONG.index(item.path.name) if item.path.name in _LONG else len(_LONG))

@@ -12,6 +12,7 @@ from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx.mesh import AXIS
+from loco_mjx.ppo.collect import Metrics
 from loco_mjx.ppo.train import Trainer, TrainState
 
 
@@ -37,9 +38,8 @@ class SeedsTrainer:
         mesh, is_spec = trainer.mesh, lambda x: isinstance(x, P)
         state = jax.tree.map(lambda spec: P(None, *spec), trainer.layout, is_leaf=is_spec)
         copies = P()
-        step = jax.vmap(partial(trainer.step, axis_name=AXIS))
         place = partial(jax.tree.map, partial(NamedSharding, mesh), is_leaf=is_spec)
-        self.iterate = jax.jit(trainer.spread(step, (state, copies), (state, copies)), donate_argnums=0)
+        self.iterate = jax.jit(trainer.spread(self._each_step, (state, copies), (state, copies)), donate_argnums=0)
         self._start = jax.jit(trainer.spread(self._each_start, (copies, copies), state))
         self._make_pool = jax.jit(jax.vmap(trainer.pool, (0, None)), out_shardings=NamedSharding(mesh, copies))
         self.split = jax.jit(self._split, out_shardings=[place(trainer.layout)] * len(self.seeds))
@@ -56,6 +56,20 @@ class SeedsTrainer:
     def make_pool(self, iteration: int) -> Any:
         """Each seed's scenes of an iteration."""
         return self._make_pool(self._keys, self.trainer.pool_number(iteration))
+
+    def _each_step(self, states: TrainState, pools: Any) -> tuple[TrainState, Metrics]:
+        """One iteration of every seed.
+
+        A CPU core has no use for larger matrix products than a minibatch's, and none for activations that leave its
+        cache: there, seeds collect together and learn in turn.
+        """
+        learn = partial(self.trainer.update_part, axis_name=AXIS)
+        states, rollouts, collected = jax.vmap(partial(self.trainer.collect_part, axis_name=AXIS))(states, pools)
+        if self.trainer.chunk is None:
+            states, learnt = jax.vmap(learn)(states, rollouts)
+        else:
+            states, learnt = jax.lax.map(lambda seed: learn(*seed), (states, rollouts))
+        return states, collected | learnt
 
     def _each_start(self, keys: jax.Array, pools: Any) -> TrainState:
         """Every seed's state before the first iteration, made one after the other.

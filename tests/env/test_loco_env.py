@@ -40,6 +40,19 @@ def auto(env):
     return pool, first, step
 
 
+@pytest.fixture(scope="session")
+def other():
+    """(env, reset of 200, step of one): diagonal actions, no depth, randomised."""
+    config = EnvConfig(
+        observation=BLIND,
+        action=ActionConfig(scale=(0.1, 0.2, 0.3), diagonal=True),
+        randomization=RandomizationConfig(enabled=True),
+    )
+    env = make_env("thin", config=config)
+    reset = jax.jit(lambda key: jax.vmap(env.reset)(jax.random.split(key, 200)))
+    return env, reset, jax.jit(env.step)
+
+
 def _edit(state, **physics):
     world = state.pipeline_state
     return state.replace(pipeline_state=world.replace(physics=world.physics.replace(**physics)))
@@ -76,15 +89,13 @@ def test_observation_after_a_step_is_what_happened(reset, step, key):
 
 def test_actions_outside_the_range_are_clipped(reset, step, key):
     state = reset(key)
-    beyond, edge = step(state, jp.full(12, 5.0)), step(state, jp.ones(12))
+    beyond, edge = step(state, 5.0 * jp.ones(12)), step(state, jp.ones(12))
     np.testing.assert_array_equal(beyond.pipeline_state.physics.qpos, edge.pipeline_state.physics.qpos)
 
 
-def test_diagonal_legs_share_their_targets(key):
-    env = make_env(
-        "thin", config=EnvConfig(observation=BLIND), action=ActionConfig(scale=(0.1, 0.2, 0.3), diagonal=True)
-    )
-    state = jax.jit(lambda k, a: env.step(env.reset(k), a))(key, jp.array([1.0, -1.0, 1.0, 0.5, 0.5, -0.5]))
+def test_diagonal_legs_share_their_targets(other, key):
+    env, reset, step = other
+    state = step(jax.tree.map(lambda x: x[0], reset(key)), jp.array([1.0, -1.0, 1.0, 0.5, 0.5, -0.5]))
     right, left = [0.1, -0.2, 0.3], [0.05, 0.1, -0.15]
     np.testing.assert_allclose(state.info["last_action"], right + left + left + right, atol=1e-6)
     assert env.action_size == 6 and set(state.obs) == {"state"}
@@ -144,10 +155,9 @@ def test_the_step_after_done_starts_a_new_episode(env, auto):
         assert (np.abs(centres - np.array(fresh.pipeline_state.scene.boxes.center[i])).max(axis=(1, 2)) == 0).any()
 
 
-def test_randomization_draws_within_its_ranges_and_stays_for_the_episode(key):
-    config = EnvConfig(observation=BLIND, randomization=RandomizationConfig(enabled=True))
-    env = make_env("thin", config=config)
-    states = jax.jit(jax.vmap(env.reset))(jax.random.split(key, 200))
+def test_randomization_draws_within_its_ranges_and_stays_for_the_episode(other, key):
+    env, reset, step = other
+    states = reset(key)
     drawn = states.pipeline_state.randomization
     for values, low, high in [
         (drawn.dynamics.kp, 40, 90),
@@ -162,7 +172,7 @@ def test_randomization_draws_within_its_ranges_and_stays_for_the_episode(key):
         span = high - low
         assert low <= float(values.min()) < low + 0.1 * span and high - 0.1 * span < float(values.max()) <= high
     one = jax.tree.map(lambda x: x[0], states)
-    after = jax.jit(env.step)(one, jp.zeros(12))
+    after = step(one, jp.zeros(env.action_size))
     assert float(after.pipeline_state.randomization.dynamics.kp) == float(one.pipeline_state.randomization.dynamics.kp)
 
 

@@ -15,7 +15,7 @@ from loco_mjx.physics.step import PhysicsState, control_step, initial_state, nom
 from loco_mjx.scene.types import OBSTACLE, STEP, WALL
 from tests.physics.world import (
     BATCH,
-    ENOUGH,
+    DEFAULT,
     GAIT_KD,
     GAIT_KP,
     physics,
@@ -157,10 +157,10 @@ def test_joint_limits_hold():
 def test_one_environment_is_what_a_batch_of_it_is():
     world, target = scene([{"center": (0.3, 0.1, 0.05), "half": (0.2, 0.2, 0.05)}]), jp.asarray(trot_targets(3)[2])
     state = initial_state(standing(height=0.29))
-    model = physics(ENOUGH)
+    model = physics(DEFAULT)
     alone = jax.jit(lambda *args: control_step(model, *args))(state, world, target, nominal_dynamics())
     spread = lambda tree: jax.tree.map(lambda x: jp.broadcast_to(x, (BATCH, *jp.shape(x))), tree)  # noqa: E731
-    many = stepper(ENOUGH)(spread(state), spread(world), spread(target), spread(nominal_dynamics()))
+    many = stepper(DEFAULT)(spread(state), spread(world), spread(target), spread(nominal_dynamics()))
     # Not to the last bit: another program rounds otherwise, and a landing magnifies it.
     for name, tolerance in {"qpos": 2e-3, "qvel": 0.1}.items():
         np.testing.assert_allclose(getattr(alone[0], name), getattr(many[0], name)[1], atol=tolerance)
@@ -180,7 +180,7 @@ def test_a_broken_environment_stays_broken_and_alone():
 
 def test_states_keep_their_types():
     state, world, how = initial_state(standing()), scene(), nominal_dynamics()
-    model = physics(ENOUGH)
+    model = physics(DEFAULT)
     after, outcome = jax.eval_shape(lambda *args: control_step(model, *args), state, world, jp.zeros(12), how)
     for before, new in zip(jax.tree.leaves(state), jax.tree.leaves(after), strict=True):
         assert (new.shape, new.dtype, new.weak_type) == (before.shape, before.dtype, False)
@@ -191,7 +191,7 @@ def test_states_keep_their_types():
 def test_no_lapack():
     """Two CPU devices that call LAPACK at once can wait for each other for ever (jaxlib 0.10); physics must not."""
     start = jax.tree.map(lambda x: jp.stack([x] * BATCH), (initial_state(standing()), scene(), nominal_dynamics()))
-    lowered = stepper(ENOUGH).lower(start[0], start[1], jp.zeros((BATCH, 12)), start[2])
+    lowered = stepper(DEFAULT).lower(start[0], start[1], jp.zeros((BATCH, 12)), start[2])
     assert "lapack" not in lowered.as_text()
 
 

@@ -20,8 +20,8 @@ from loco_mjx.scene.types import STEP, Boxes, Cylinders, Scene, Spheres, Terrain
 BATCH = 4  # environments in every rollout, so that the tests share one compiled program
 BOXES, TREES = 3, 1  # likewise
 AWAY = (500.0, 500.0, 0.0)
-# Solver and line-search iterations: the fewest; enough for most of what a robot does; always enough.
-FAST, ENOUGH, CONVERGED = (1, 4), (3, 4), (20, 12)
+# Solver and line-search iterations: what users get; always enough.
+DEFAULT, CONVERGED = (PhysicsConfig().iterations, PhysicsConfig().ls_iterations), (20, 12)
 
 PERIOD = 0.4  # s
 STRIDE, LIFT, HEIGHT = 0.06, 0.05, 0.25  # m: half a stride, how high a foot swings, hips over feet
@@ -104,7 +104,7 @@ def rollout(
     worlds: Sequence[Scene],
     targets: np.ndarray,
     dynamics: Sequence[Dynamics] | None = None,
-    iterations: tuple[int, int] = ENOUGH,
+    iterations: tuple[int, int] = DEFAULT,
 ) -> tuple[PhysicsState, Outcome]:
     """States after each control step and outcomes, leading axes (environments, steps), of up to BATCH environments.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jp
@@ -18,9 +20,17 @@ SEEDS = (4, 0, 9)  # not in order, so that a place taken for a seed shows
 ITERATIONS = 3
 
 
-def _single(seed):
-    config = dataclasses.replace(tiny(epochs=2, pool_refresh=2), seed=seed)
+@functools.cache
+def _program():
+    config = tiny(epochs=2, pool_refresh=2)
     return Trainer(config, SignProbe(horizon=6, start_spread=4), make_mesh(jax.devices()[:2]))
+
+
+def _single(seed):
+    """A seed's own trainer; all share compiled programs, in which the seed is an argument."""
+    trainer = copy.copy(_program())
+    trainer.config = dataclasses.replace(trainer.config, seed=seed)
+    return trainer
 
 
 @pytest.fixture(scope="module")
