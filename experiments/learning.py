@@ -27,6 +27,7 @@ class Run:
         seed: of everything random.
         elsewhere: other tasks to evaluate on.
         samples: environment steps.
+        solver: the physics' Newton and line-search iterations.
     """
 
     task: str
@@ -34,6 +35,7 @@ class Run:
     seed: int = 0
     elsewhere: tuple[str, ...] = ()
     samples: int = 1_024_000
+    solver: tuple[int, int] = (4, 8)
 
     @property
     def name(self) -> str:
@@ -43,7 +45,7 @@ class Run:
 
 POLICIES = ("loco-transformer", "state-only", "state-depth-concat", "depth-only")
 RUNS = (
-    *(Run("thin", policy, seed, ("wide",)) for seed in (0, 1) for policy in POLICIES),
+    *(Run("thin", policy, seed, ("wide",), solver=(3, 4)) for seed in (0, 1) for policy in POLICIES),
     Run("mountain", "loco-transformer"),
 )
 
@@ -52,6 +54,8 @@ def train(run: Run, directory: Path) -> None:
     """Trains, or goes on training, in a directory, with the `fast` preset."""
     command = ["--task", run.task, "--policy", run.policy, "--seed", str(run.seed)]
     command += ["--total-steps", str(run.samples), "--out", str(directory)]
+    names = ("--env.physics.iterations", "--env.physics.ls-iterations")
+    command += [word for name, value in zip(names, run.solver, strict=True) for word in (name, str(value))]
     subprocess.run([sys.executable, "-m", "loco_mjx.cli.main", "train", *command], check=True)
 
 
@@ -89,6 +93,8 @@ def keep(run: Run, directory: Path) -> None:
     for name in ("metrics.csv", "config.json"):
         shutil.copyfile(directory / name, target / name)
     info = json.loads((directory / "info.json").read_text())
+    command = info["command"]
+    command[command.index("--out") + 1] = directory.name  # not a path of the machine it ran on
     (target / "info.json").write_text(json.dumps(info, indent=1) + "\n")
     for name, result in results.items():
         (target / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")

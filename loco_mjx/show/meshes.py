@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import mujoco
 import numpy as np
 import trimesh
@@ -91,6 +93,9 @@ def by_body(
         name = f"geom{geom}" if geom in apart else "colour{:02x}{:02x}{:02x}".format(*paint)
         pieces.setdefault(int(model.geom_bodyid[geom]), {}).setdefault((name, paint), []).append(mesh(model, geom))
     return {
-        body: [(name, trimesh.util.concatenate(parts), paint) for (name, paint), parts in named.items()]
+        body: [
+            (name, cast(trimesh.Trimesh, trimesh.util.concatenate(parts)), paint)
+            for (name, paint), parts in named.items()
+        ]
         for body, named in pieces.items()
     }

@@ -7,7 +7,7 @@ import socket
 import time
 import traceback
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -90,7 +90,7 @@ class Viewer:
         self._again.on_click(lambda _: self.ask(self.reset))
         self._task.on_update(lambda _: self.ask(lambda: self.choose(task=self._task.value)))
         self._seed.on_update(lambda _: self.ask(lambda: self.choose(seed=int(self._seed.value))))
-        self._kind.on_update(lambda _: self.ask(lambda: self.choose(kind=self._kind.value)))
+        self._kind.on_update(lambda _: self.ask(lambda: self.choose(kind=cast(Kind, self._kind.value))))
         self._following.on_update(lambda _: setattr(self, "follow", self._following.value))
         self._attending.on_update(lambda _: self.ask(lambda: self.attend(self._attending.value)))
 
