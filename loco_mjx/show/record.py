@@ -55,9 +55,9 @@ def record(
     Raises:
         UserError: if there is no OpenGL, no attention to draw, or no way to write.
     """
-    gl.check("--video" if film is not None else "--figure")
     if attention:
         video.check_attention(rollout)
+    gl.check("--video" if film is not None else "--figure")
     count = max(round(seconds * video.RATE), 1)
     shape = (2 * round(width * 9 / 32), 2 * (width // 2))
     depth = rollout.config.observation.depth

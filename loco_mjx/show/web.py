@@ -21,6 +21,8 @@ from loco_mjx.show.stage import HIDDEN_GROUP, Stage
 IDLE = 0.05  # s between looks at what was asked while nothing moves
 EYE = (200, 320)  # rows and columns of the depth image
 WORLD = "/world"
+# m, from where the robot is followed: behind and above it, for walls are at its sides. And where the camera looks.
+CAMERA, TARGET = (-2.4, 0.4, 1.3), (0.6, 0.0, 0.2)
 
 
 def serve(agent: Agent, task: str, seed: int, host: str, port: int) -> None:
@@ -64,6 +66,7 @@ class Viewer:
         self._stopped = False
         self._nodes: dict[int, Any] = {}
         self._server = viser.ViserServer(host=host, port=port, label="loco-mjx", verbose=False)
+        self._server.initial_camera.position, self._server.initial_camera.look_at = CAMERA, TARGET
         self._build_gui()
 
     # What the page asks for -----------------------------------------------------------------------------------------

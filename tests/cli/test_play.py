@@ -19,6 +19,7 @@ from loco_mjx.cli.main import main
         (["--zero", "--video", "a.gif", "--seconds", "0"], "seconds is 0.0"),
         (["--zero", "--video", "a.gif", "--task", "thick"], "unknown task 'thick' (did you mean 'thin'?)"),
         (["--zero", "--web", "--video", "a.gif"], "--web does not film"),
+        (["--zero", "--attention", "--video", "a.gif"], "'zero' has no attention from a state token"),
         (["nowhere", "--video", "a.gif"], "no run in nowhere"),
         (["--zero", "--web", "--port", "0"], "port is 0"),
     ],
