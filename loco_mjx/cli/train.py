@@ -91,12 +91,14 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
     console = Console()
     if not gave_total(options, args):
         totals = [run.ppo.total_steps for run in found if run is not None]
-        total = int(hosts.shared(str(max(totals) if totals else default_total(config))))
+        total = int(hosts.shared(str(max(totals) if totals else default_total(config, len(runs)))))
         runs = [dataclasses.replace(run, config=with_total(run.config, total)) for run in runs]
     for run, there in zip(runs, found, strict=True):
         if there is not None:
             directory.reconcile(run.directory, there, run.config)
-    path = runs[0].directory if options.seeds is None else runs[0].directory.parent
+    path, curves = runs[0].directory, runs[0].directory / "metrics.csv"
+    if options.seeds is not None:
+        path, curves = path.parent, path.parent / "seed*" / "metrics.csv"
     if all(
         there is not None and start.finished(run.directory, run.config) for run, there in zip(runs, found, strict=True)
     ):
@@ -104,7 +106,10 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
         return 0
     console.print(f"preset {options.preset}, in {path}", soft_wrap=True)
     outcome = start.train(runs, options.loop, console, [*PROG.split(), *args])
-    return conclude(outcome.samples, outcome.signal, path, args)
+    if outcome.signal is None:
+        print(f"finished: {outcome.samples:,} samples, curves in {curves}; next: loco-mjx evaluate {path}")
+        return 0
+    return interrupted(outcome.samples, outcome.signal, args)
 
 
 def planned(options: Options, args: Sequence[str], config: Config) -> list[Run]:
@@ -190,27 +195,25 @@ def gave_total(options: Options, args: Sequence[str]) -> bool:
     return options.total_steps is not None or any(arg.replace("_", "-").split("=")[0] == key for arg in args)
 
 
-def default_total(config: Config) -> int:
-    """The preset's samples on an accelerator; on a CPU what takes about 20 minutes, which it says."""
+def default_total(config: Config, seeds: int = 1) -> int:
+    """The preset's samples on an accelerator; on a CPU what takes all seeds about 20 minutes, which it says."""
     from loco_mjx.run import machine
 
     full = config.ppo.total_steps
     if not machine.on_cpu():
         return full
-    rate = CPU_RATE[config.env.observation.depth.enabled] * machine.cores()
-    budget = min(full, round(rate * 60 * CPU_MINUTES, -5))
+    rate = CPU_RATE[config.env.observation.depth.enabled] * machine.cores() / seeds
+    budget = min(full, max(round(rate * 60 * CPU_MINUTES, -5), 100_000))
+    each = "" if seeds == 1 else " of each seed"
     print(
-        f"on this CPU: {budget:,.0f} samples, about {CPU_MINUTES} min, for a first learning curve; "
+        f"on this CPU: {budget:,.0f} samples{each}, about {CPU_MINUTES} min, for a first learning curve; "
         f"all {full:,} would take about {duration(full / rate)}: --total-steps {full}"
     )
     return int(budget)
 
 
-def conclude(samples: int, stopped_by: int | None, path: Path, args: Sequence[str]) -> int:
-    """Says how the run ended and how to go on; the exit code."""
-    if stopped_by is None:
-        print(f"finished: {samples:,} samples, curves in {path}/metrics.csv; next: loco-mjx evaluate {path}")
-        return 0
+def interrupted(samples: int, stopped_by: int, args: Sequence[str]) -> int:
+    """Says how to go on after a signal; the exit code."""
     program = sys.argv[0] if os.path.basename(sys.argv[0]) == "loco-mjx" else "loco-mjx"
     print(f"saved at {samples:,} samples; to go on: {shlex.join([program, 'train', *args])}")
     return 128 + stopped_by

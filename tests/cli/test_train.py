@@ -148,6 +148,8 @@ def test_without_a_budget_a_cpu_gets_one_of_minutes_and_is_told_what_all_would_t
     assert total < config.ppo.total_steps and total % 100_000 == 0
     said = capsys.readouterr().out
     assert f"{total:,}" in said and "15,000,000 would take" in said
+    assert train.default_total(config, seeds=5) == pytest.approx(total / 5, abs=50_000)
+    assert "of each seed, about 20 min" in capsys.readouterr().out
     monkeypatch.setattr(machine, "on_cpu", lambda: False)
     assert train.default_total(config) == config.ppo.total_steps
 

@@ -160,7 +160,7 @@ def test_the_command_makes_ordinary_runs_that_go_on_together_and_alone(command, 
         assert len(_rows(folder)) == 3 and list((folder / "tensorboard").iterdir())
         manifest = json.loads((checkpoint.path_of(folder, 96) / "manifest.json").read_text())
         assert manifest["config"]["seed"] == seed
-    capsys.readouterr()
+    assert "curves in runs/thin/state-only/seed*/metrics.csv" in capsys.readouterr().out.replace("\n", "")
     assert command([*words, "96"]) == 0
     assert "is finished" in capsys.readouterr().out
     assert command([*words, "128"]) == 0
