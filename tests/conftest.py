@@ -20,7 +20,7 @@ _LONG += ("test_depth_c_mujoco.py", "test_physics_c_mujoco.py", "test_train.py",
 
 
 # Where arithmetic is tested, programs are compiled as users' are; elsewhere without optimisation, in half the time.
-_OPTIMIZED = ("oracle", "physics", "depth", "env", "ppo", "simcheck")
+_OPTIMIZED = ("oracle", "physics", "depth", "ppo")
 
 
 @pytest.hookimpl(tryfirst=True)

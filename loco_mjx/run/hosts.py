@@ -31,8 +31,9 @@ SHUTDOWN_SECONDS = 60
 _TEXT = 1 << 15  # bytes of the longest text that processes share
 _LOST = "another process of this run has ended or cannot be reached; its own last line says why"
 _GO_ON = "the last checkpoint is kept: start all of them again to go on"
-# Tells of an abort, by which JAX ends a process whose coordinator is gone; it cannot be caught within the process.
-_WATCHER = "import sys\nfor b in iter(lambda: sys.stdin.buffer.read(1), b''):\n if b[0] == {}: sys.stderr.write({!r})"
+# Tells of an abort, by which JAX ends a process whose coordinator is gone; it cannot be caught within the process. Its
+# threads go on writing until it is dead, which closes the pipe.
+_WATCHER = "import sys\nif {} in sys.stdin.buffer.read(): sys.stderr.write({!r})"
 
 
 @dataclass(frozen=True)
@@ -177,13 +178,23 @@ def _leave(error: BaseException) -> None:
         code = 130
     elif isinstance(error, UserError) or _is_loss(error):
         text = str(error) if isinstance(error, UserError) else f"{_LOST}; {_GO_ON}"
-        print("loco-mjx: " + " ".join(text.split()), file=sys.stderr)
+        sys.stdout.flush()
+        _say_last("loco-mjx: " + " ".join(text.split()))
         code = 2
     else:
         traceback.print_exception(error)
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
+
+
+def _say_last(line: str) -> None:
+    """Writes a line on stderr, and has what JAX's threads still say about the loss go nowhere."""
+    sys.stderr.flush()
+    last = os.dup(2)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    os.write(last, f"{line}\n".encode())
 
 
 def _is_loss(error: BaseException) -> bool:

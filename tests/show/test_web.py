@@ -39,6 +39,7 @@ def viewer():
     viewer.port = port
     thread = threading.Thread(target=viewer.run, daemon=True)
     thread.start()
+    until(lambda: viewer.rollout is not None)  # compiled, before a browser that renders in software takes the cores
     yield viewer
     viewer.close()
     thread.join(PATIENCE)
