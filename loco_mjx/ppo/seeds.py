@@ -1,4 +1,4 @@
-"""Several seeds of one configuration as one program: the training step vmapped over a leading axis of seeds."""
+"""Several seeds of one configuration as one program: a training step over a leading axis of seeds."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from loco_mjx.mesh import AXIS, make_mesh, spread
 from loco_mjx.ppo.seeds import SeedsTrainer
 from loco_mjx.ppo.train import Trainer
 from loco_mjx.run import machine
-from loco_mjx.timing import Rolling, seconds_per_call
+from loco_mjx.timing import Rolling, seconds_in_turn, seconds_per_call
 
 WINDOW = 32  # control steps in one call of the environment's benchmark
 POOL = 64  # scenes to reset into
@@ -111,6 +111,8 @@ def bench_train(config: Config, seconds: float) -> Result:
 def bench_seeds(config: Config, seconds: float, seeds: int) -> Result:
     """Samples per second of several seeds in one program, and of one seed by itself: `single`.
 
+    The two are measured in turn, as many iterations of the single seed as there are seeds to one of them together.
+
     Args:
         config: what to measure.
         seconds: to measure each of the two for, at least.
@@ -118,26 +120,30 @@ def bench_seeds(config: Config, seconds: float, seeds: int) -> Result:
     """
     trainer = Trainer(config, LocoEnv(config.env), make_mesh())
     samples = config.ppo.samples_per_iteration
-    single = _iterations(trainer, samples, seconds)
-    together = _iterations(SeedsTrainer(trainer, range(seeds)), seeds * samples, seconds)
+    learners: tuple[Any, ...] = (trainer, SeedsTrainer(trainer, range(seeds)))
+    counts = (samples, seeds * samples)
+    started = [_started(learner) for learner in learners]
+    iterations = seconds_in_turn([(started[0][0], seeds), (started[1][0], 1)], 2 * seconds)
+    single, together = (
+        {
+            "per_second": count / iteration,
+            "iteration_seconds": iteration,
+            "compile_seconds": max(first - iteration, 0.0),
+            "compilations": learner.iterate._cache_size(),
+        }
+        for learner, count, iteration, (_, first) in zip(learners, counts, iterations, started, strict=True)
+    )
     ratio = together["per_second"] / single["per_second"]
     about = {"unit": "samples", "policy": config.policy, "seeds": seeds}
     return together | about | {"single": single, "times_in_a_row": ratio}
 
 
-def _iterations(learner: Any, samples: int, seconds: float) -> Result:
-    """Speed of a learner's iterations, of so many samples each."""
+def _started(learner: Any) -> tuple[Rolling, float]:
+    """A learner's further iterations, and how long it took to the end of the first."""
     begin = time.monotonic()
     state, pool = learner.init(), learner.make_pool(0)
     state, _ = jax.block_until_ready(learner.iterate(state, pool))
-    first = time.monotonic() - begin
-    iteration = seconds_per_call(Rolling(lambda state: learner.iterate(state, pool)[0], state), seconds)
-    return {
-        "per_second": samples / iteration,
-        "iteration_seconds": iteration,
-        "compile_seconds": max(first - iteration, 0.0),
-        "compilations": learner.iterate._cache_size(),
-    }
+    return Rolling(lambda state: learner.iterate(state, pool)[0], state), time.monotonic() - begin
 
 
 def _collect_seconds(trainer: Trainer, state: Any, pool: Any) -> float:
