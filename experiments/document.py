@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
 
+from experiments.committed import RESULTS, len_episodes, rows, runs, table
+from experiments.ordering import comparison
+
 ROOT = Path(__file__).parents[1]
-RESULTS = Path(__file__).parent / "results" / "cpu"
 CURVES = ROOT / "docs" / "learning.png"
 TAIL = 10  # iterations that a curve's end is averaged over
 
@@ -26,41 +27,22 @@ The runs shared the machine with other work: their times are upper bounds.
 
 ![Distance and episode length over samples](learning.png)
 """
-COMPARISON = """## Policies on `thin`, against the paper's ordering
-
-The same runs, on the task they were trained on and on `wide`, which they have never seen: mean ± standard deviation
-over seeds of the mean of {episodes} deterministic episodes. The paper's figures (its table 1: trained on thin
-obstacles, evaluated on wide ones) stand on 15 million samples and five seeds, ours on the samples above: what is
-compared is the order.
-"""
 SIMCHECK = """## The exported policy in C MuJoCo and in MJX
 
 `python -m experiments.simcheck` exports these policies and compares (`loco-mjx simcheck POLICY --json`): the same ONNX
 file, scenes and starts; C MuJoCo with the full scene, every obstacle a real geom, and depth by `mj_multiRay`. The
 difference is C − MJX with the standard error of the paired mean.
 """
+REPLAY = """Episodes of 40 s with contacts are chaotic: pairs part, and the means of so few are as uncertain as the
+errors say. Seconds of them are not: every fourth second of MJX's episodes (solver {solver}) was run again in C from the same
+state with the same commands; distance in m from start to end of {seconds:g} s, contacts in control steps. What the
+policy would have commanded on C's observations and images of these seconds, and what it did command, differ as below.
+"""
 SPEED = """## Speed, on a CPU
 
 `python -m experiments.speed`. Absolute times vary from machine to machine; a peer is measured in the same run, on
 the same scenes, with as many threads.
 """
-
-
-def rows(path: Path) -> list[dict[str, float]]:
-    """A metrics.csv as numbers; empty cells are left out."""
-    with path.open() as file:
-        return [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
-
-
-def runs() -> dict[str, Path]:
-    """The learning runs that have results, by name."""
-    return {path.parent.name: path.parent for path in sorted((RESULTS / "learning").glob("*/evaluation.json"))}
-
-
-def table(head: list[str], body: list[list[str]]) -> str:
-    """A Markdown table."""
-    lines = [head, ["---"] * len(head), *body]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
 
 def machine(info: dict[str, Any]) -> str:
@@ -109,82 +91,32 @@ def learning() -> str:
     return text + "\n"
 
 
-def comparison() -> str:
-    """The section on policies trained on `thin`."""
-    from loco_mjx.compare import paper
-
-    groups = {
-        label: [path for name, path in runs().items() if name.startswith(f"thin-{variant.policy}-seed")]
-        for label, variant in paper.POLICIES.items()
-    }
-    groups = {label: paths for label, paths in groups.items() if paths}
-    columns = [(file, metric) for file in ("evaluation", "evaluation-wide") for metric in ("distance", "collisions")]
-    ours = {label: [_over_seeds(paths, *column) for column in columns] for label, paths in groups.items()}
-    far = {label: values[2] for label, values in ours.items()}  # distances on wide
-    printed = {row.label: (row.values[1], row.values[3]) for row in paper.GENERALIZATION.rows}
-    head = ["policy", "seeds", "distance", "collisions", "distance on wide", "collisions on wide"]
-    head += ["paper: distance on wide", "paper: collisions on wide"]
-    body = [
-        [paper.POLICIES[label].policy, str(len(groups[label])), *(_spread(x, 1 - i % 2) for i, x in enumerate(figures))]
-        + [f"{x[0]} ± {x[1]}" if x else "—" for x in printed[label]]
-        for label, figures in ours.items()
-    ]
-    text = COMPARISON.format(episodes=len_episodes(runs())) + "\n" + table(head, body)
-    return text + "\n" + _orders(far, {label: (printed[label][0] or (0.0,))[0] for label in ours}) + "\n"
-
-
-def _orders(ours: dict[str, list[float]], theirs: dict[str, float]) -> str:
-    """What our seeds say about each pair of policies that the paper puts in an order."""
-    from loco_mjx.compare import paper
-
-    names = {label: paper.POLICIES[label].policy for label in ours}
-    pairs = [(a, b) for a in ours for b in ours if theirs[a] > theirs[b]]
-    shown = [(a, b) for a, b in pairs if min(ours[a]) > max(ours[b])]
-    against = [(a, b) for a, b in pairs if max(ours[a]) < min(ours[b])]
-    open_ = [pair for pair in pairs if pair not in shown + against]
-    said = lambda found: "; ".join(f"{names[a]} > {names[b]}" for a, b in found) or "none"  # noqa: E731
-    return (
-        "Of the paper's order of distances on `wide`, pair by pair: "
-        f"every seed of ours agrees on {said(shown)}. Every seed contradicts {said(against)}. "
-        f"Our seeds do not decide {said(open_)}."
-    )
-
-
-def _over_seeds(paths: list[Path], file: str, metric: str) -> list[float]:
-    """The mean over episodes, of each seed."""
-    return [json.loads((path / f"{file}.json").read_text())["metrics"][metric]["mean"] for path in paths]
-
-
-def _spread(values: list[float], digits: int) -> str:
-    """Mean ± standard deviation over seeds."""
-    mean = sum(values) / len(values)
-    std = (sum((value - mean) ** 2 for value in values) / len(values)) ** 0.5
-    return f"{mean:.{digits}f} ± {std:.{digits}f}" if len(values) > 1 else f"{mean:.{digits}f}"
-
-
 def simcheck() -> str:
     """The section on sim-to-sim."""
-    head = ["policy", "task", "episodes", "metric", "C MuJoCo", "MJX", "ratio", "difference"]
-    body = []
-    for path in sorted((RESULTS / "simcheck").glob("*.json")):
-        result = json.loads(path.read_text())
-        for name in ("distance", "collisions", "return", "length"):
-            m = result["metrics"][name]
-            body.append(
-                [result["policy"], result["task"], str(result["num_episodes"]), name]
-                + [f"{m[f'{side}_mean']:.2f} ± {m[f'{side}_std']:.2f}" for side in ("c", "mjx")]
-                + ["—" if m["ratio"] is None else f"{m['ratio']:.3f}"]
-                + [f"{m['difference']:+.2f} ± {m['standard_error']:.2f}"]
-            )
-    return SIMCHECK + "\n" + table(head, body) if body else ""
+    found = [json.loads(path.read_text()) for path in sorted((RESULTS / "simcheck").glob("*.json"))]
+    if not found:
+        return ""
+    head = ["policy", "samples", "task", "episodes", "metric", "C MuJoCo", "MJX", "ratio", "difference"]
+    body = [_sides(r, r["metrics"], name, 2) for r in found for name in ("distance", "collisions", "return", "length")]
+    again = [_sides(r, r["replay"], name, 4) for r in found for name in ("distance", "contacts")]
+    for row, result in zip(again, [r for r in found for _ in range(2)], strict=True):
+        row[3] = f"{result['replay']['windows']:,}"
+    away = [f"{r['policy']} on {r['task']} {r['replay']['targets']['mean']:.1e} rad" for r in found]
+    solvers = {f"{r['physics']['iterations']} × {r['physics']['ls_iterations']}" for r in found}
+    said = REPLAY.format(solver=" or ".join(sorted(solvers)), seconds=found[0]["replay"]["seconds"])
+    replays = table([*head[:3], "seconds", *head[4:]], again)
+    return "\n".join([SIMCHECK, table(head, body), said, replays, f"Targets differ by: {'; '.join(away)}.\n"])
 
 
-def len_episodes(found: dict[str, Path]) -> int:
-    """How many episodes the evaluations have; they agree."""
-    counts = {json.loads((p / "evaluation.json").read_text())["num_episodes"] for p in found.values()}
-    if len(counts) != 1:
-        raise SystemExit(f"the evaluations have different numbers of episodes: {sorted(counts)}")
-    return counts.pop()
+def _sides(result: dict[str, Any], metrics: dict[str, Any], name: str, digits: int) -> list[str]:
+    """A metric of both sides."""
+    m = metrics[name]
+    return [
+        *(result["policy"], f"{result['samples']:,}", result["task"], str(result["num_episodes"]), name),
+        *(f"{m[f'{side}_mean']:.{digits}f} ± {m[f'{side}_std']:.{digits}f}" for side in ("c", "mjx")),
+        "—" if m["ratio"] is None else f"{m['ratio']:.{digits + 1}f}",
+        f"{m['difference']:+.{digits}f} ± {m['standard_error']:.{digits}f}",
+    ]
 
 
 def speed() -> str:
@@ -218,7 +150,7 @@ def curves() -> None:
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), constrained_layout=True)
-    for i, (name, path) in enumerate(runs().items()):
+    for i, (name, path) in enumerate(_longest(runs()).items()):
         curve, color = rows(path / "metrics.csv"), f"C{i}"
         for key, style, label in (("eval/distance", "o-", f"{name}, mean action"), ("episode/distance", "-", None)):
             points = [(row["step"] / 1e6, row[key]) for row in curve if key in row]
@@ -232,6 +164,11 @@ def curves() -> None:
         axis.grid(alpha=0.3)
         axis.legend(fontsize=8)
     figure.savefig(CURVES, dpi=110)
+
+
+def _longest(found: dict[str, Path]) -> dict[str, Path]:
+    """Without the runs of which another is the continuation."""
+    return {name: path for name, path in found.items() if not any(other.startswith(f"{name}-") for other in found)}
 
 
 def main() -> None:

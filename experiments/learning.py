@@ -15,6 +15,7 @@ from pathlib import Path
 
 RESULTS = Path(__file__).parent / "results" / "cpu" / "learning"
 EPISODES = 64
+SAMPLES, MORE = 1_024_000, 2_048_000
 
 
 @dataclass(frozen=True)
@@ -34,18 +35,20 @@ class Run:
     policy: str
     seed: int = 0
     elsewhere: tuple[str, ...] = ()
-    samples: int = 1_024_000
+    samples: int = SAMPLES
     solver: tuple[int, int] = (4, 8)
 
     @property
     def name(self) -> str:
         """Name of its directories."""
-        return f"{self.task}-{self.policy}-seed{self.seed}"
+        longer = "" if self.samples == SAMPLES else f"-{self.samples / 1e6:.0f}M"
+        return f"{self.task}-{self.policy}-seed{self.seed}{longer}"
 
 
 POLICIES = ("loco-transformer", "state-only", "state-depth-concat", "depth-only")
 RUNS = (
     *(Run("thin", policy, seed, ("wide",), solver=(3, 4)) for seed in (0, 1) for policy in POLICIES),
+    *(Run("thin", policy, seed, ("wide",), MORE, (3, 4)) for seed in (0, 1) for policy in POLICIES[:3]),
     Run("mountain", "loco-transformer"),
 )
 

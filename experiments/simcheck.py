@@ -1,6 +1,7 @@
 """Is C MuJoCo's walk ours? Exports trained policies and compares: ``python -m experiments.simcheck NAME ...``.
 
-NAME is a run of ``experiments.learning``; results go to ``experiments/results/cpu/simcheck/``.
+NAME is a run of ``experiments.learning``; results go to ``experiments/results/cpu/simcheck/``. Our side's physics is
+what users get, whatever the run was trained with.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+from loco_mjx.config import PhysicsConfig
+
 RESULTS = Path(__file__).parent / "results" / "cpu" / "simcheck"
-EPISODES = 64
 
 
 def main() -> None:
@@ -21,6 +23,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="+", help="runs, e.g. thin-state-only-seed0")
     parser.add_argument("--runs", type=Path, default=Path("runs/learning"), help="where the run directories are")
+    parser.add_argument("--episodes", type=int, default=64, help="of each; C casts a mountain's rays slowly")
     options = parser.parse_args()
     RESULTS.mkdir(parents=True, exist_ok=True)
     program = [sys.executable, "-m", "loco_mjx.cli.main"]
@@ -28,7 +31,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             policy = str(Path(folder) / "policy")
             subprocess.run([*program, "export", str(options.runs / name), "--out", policy], check=True)
-            command = [*program, "simcheck", policy, "--episodes", str(EPISODES), "--json"]
+            solver = [str(PhysicsConfig().iterations), str(PhysicsConfig().ls_iterations)]
+            command = [*program, "simcheck", policy, "--episodes", str(options.episodes), "--solver", *solver, "--json"]
             done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
         (RESULTS / f"{name}.json").write_text(json.dumps(json.loads(done.stdout), indent=1) + "\n")
 

@@ -26,6 +26,8 @@ class Options:
     """Episodes, each in a newly generated scene."""
     seed: int = 0
     """Seed of the scenes; the same as in `loco-mjx evaluate`."""
+    solver: tuple[int, int] | None = None
+    """Newton and line-search iterations of our side's physics; None: those of training."""
     json: bool = False
     """Print one JSON object and nothing else on stdout."""
 
@@ -45,6 +47,7 @@ def main(args: Sequence[str]) -> int:
         from loco_mjx.simcheck import report
         from loco_mjx.simcheck.run import simcheck
 
-        result = simcheck(options.policy, options.task, options.episodes, options.seed, report.Progress())
+        progress = report.Progress()
+        result = simcheck(options.policy, options.task, options.episodes, options.seed, progress, options.solver)
         show(result, report.table(result))
     return 0

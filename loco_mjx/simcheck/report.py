@@ -6,7 +6,7 @@ import sys
 import time
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.table import Table
 
 from loco_mjx.evaluation.report import UNITS
@@ -16,24 +16,38 @@ COMPILING = 3  # control steps of a side that hold its compilation
 FIRST = ("distance", "collisions", "return")  # shown first; the others follow
 
 
-def table(result: dict[str, Any]) -> Table:
-    """The comparison."""
+def table(result: dict[str, Any]) -> Group:
+    """The comparison: of whole episodes, and of seconds replayed."""
     trained = f"{result['policy']} trained on {result['trained_on']} ({result['samples']:,} samples)"
     title = f"{trained}, on {result['task']}: {result['num_episodes']} episodes in the same scenes"
+    metrics = result["metrics"]
+    others = [name for name in metrics if name not in FIRST and any(metrics[name].values())]  # something of it happened
+    return Group(_rows(title, metrics, [*FIRST, *others], 2), *_replay(result["replay"]))
+
+
+def _replay(found: dict[str, Any]) -> list[Table | str]:
+    """Nothing where no episode lasted for a second."""
+    if not found["windows"]:
+        return []
+    title = f"{found['windows']:,} times {found['seconds']:g} s of MJX's episodes again in C, from the same state"
+    away = found["targets"]
+    amount = f"{away['mean']:.1e} rad in the mean, {away['max']:.1e} at most"
+    said = f"On C's observations of them the policy's targets differ by {amount}."
+    return [_rows(title, found, ["distance", "contacts"], 4), said]
+
+
+def _rows(title: str, metrics: dict[str, Any], names: list[str], digits: int) -> Table:
     table = Table(title=title, title_justify="left", caption="difference: C − MJX, ± standard error of its mean")
     table.add_column("metric")
     for name in ("C MuJoCo", "MJX", "ratio", "difference"):
         table.add_column(name, justify="right")
-    metrics = result["metrics"]
-    for name in (*FIRST, *(name for name in metrics if name not in FIRST)):
+    for name in names:
         row = metrics[name]
-        if name not in FIRST and not any(row.values()):
-            continue  # nothing of the kind happened
         unit = f", {UNITS[name]}" if name in UNITS else ""
-        sides = [f"{row[f'{side}_mean']:.2f} ± {row[f'{side}_std']:.2f}" for side in ("c", "mjx")]
-        ratio = "" if row["ratio"] is None else f"{row['ratio']:.3f}"
-        error = "" if row["standard_error"] is None else f" ± {row['standard_error']:.2f}"
-        table.add_row(name + unit, *sides, ratio, f"{row['difference']:+.2f}{error}")
+        sides = [f"{row[f'{side}_mean']:.{digits}f} ± {row[f'{side}_std']:.{digits}f}" for side in ("c", "mjx")]
+        ratio = "" if row["ratio"] is None else f"{row['ratio']:.{digits + 1}f}"
+        error = "" if row["standard_error"] is None else f" ± {row['standard_error']:.{digits}f}"
+        table.add_row(name + unit, *sides, ratio, f"{row['difference']:+.{digits}f}{error}")
     return table
 
 

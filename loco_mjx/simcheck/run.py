@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from brax.envs.base import State
 
+from loco_mjx import a1
 from loco_mjx import config as config_lib
 from loco_mjx.deploy import folder
 from loco_mjx.deploy.session import Session
@@ -21,9 +24,12 @@ from loco_mjx.evaluation.episodes import Figures, evaluation_config, figures
 from loco_mjx.mesh import dividing, make_mesh
 from loco_mjx.run import about
 from loco_mjx.scene.tasks import get_task
+from loco_mjx.simcheck.replay import LENGTH, Recorder, Replayed, replay
 from loco_mjx.simcheck.sides import CSide, MjxSide, start
 
 Tick = Callable[[str, int, int], None]  # a side's name, control steps done, of how many
+Watch = Callable[[int, State, State, np.ndarray], None]
+REPLAY = "C MuJoCo, replays"
 
 
 class Side(Protocol):
@@ -40,7 +46,9 @@ class Side(Protocol):
         ...
 
 
-def simcheck(policy: Path, task: str | None, episodes: int, seed: int, tick: Tick) -> dict[str, Any]:
+def simcheck(
+    policy: Path, task: str | None, episodes: int, seed: int, tick: Tick, solver: tuple[int, int] | None = None
+) -> dict[str, Any]:
     """Compares the two sides on the same scenes, from the same starts, with the same exported policy.
 
     Args:
@@ -49,12 +57,14 @@ def simcheck(policy: Path, task: str | None, episodes: int, seed: int, tick: Tic
         episodes: how many; a fall ends one, as in training.
         seed: of the scenes and starts; episode i is the one of `loco-mjx evaluate` with the same seed.
         tick: told about progress.
+        solver: Newton and line-search iterations of MJX's side; None: those of training.
 
     Returns:
-        What was run, `metrics` (see :func:`compare`), and `episodes` with each one's figures on both sides.
+        What was run, `metrics` (see :func:`compare`), `replay` with the same of seconds begun in the same state (see
+        :mod:`loco_mjx.simcheck.replay`), and `episodes` with each one's figures on both sides.
 
     Raises:
-        UserError: if the folder cannot be used, the task is unknown, or there are no episodes to run.
+        UserError: if the folder cannot be used, the task is unknown, or there are no episodes or iterations to run.
     """
     if task is not None:
         get_task(task)
@@ -63,15 +73,20 @@ def simcheck(policy: Path, task: str | None, episodes: int, seed: int, tick: Tic
     manifest = folder.read(policy)
     session = Session(manifest, policy)
     config = evaluation_config(_trained(policy, manifest), task)
+    if solver is not None:
+        physics = dataclasses.replace(config.physics, iterations=solver[0], ls_iterations=solver[1])
+        config = dataclasses.replace(config, physics=physics)
     env = LocoEnv(config)
     mesh = make_mesh(dividing(episodes))
     first = start(env, seed, episodes)
-    found, seconds = {}, {}
+    found, seconds, recorder = {}, {}, Recorder(manifest.hold, env.task.moving)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for side in (MjxSide(env, manifest, session, pool, mesh), CSide(env, manifest, session, pool)):
+        c = CSide(env, manifest, session, pool)
+        for side, watch in ((MjxSide(env, manifest, session, pool, mesh), recorder), (c, None)):
             begin = time.perf_counter()
-            found[side.name] = run(side, first, config.horizon, tick)
+            found[side.name] = run(side, first, config.horizon, tick, watch)
             seconds[side.name] = time.perf_counter() - begin
+        again = replay(recorder.windows, c.robots, manifest, session, pool, partial(tick, REPLAY))
     return {
         "policy": manifest.policy,
         "trained_on": manifest.raw["training"]["task"],
@@ -81,6 +96,7 @@ def simcheck(policy: Path, task: str | None, episodes: int, seed: int, tick: Tic
         "seed": seed,
         "physics": config_lib.to_dict(config.physics),
         "metrics": compare(found[CSide.name], found[MjxSide.name]),
+        "replay": _replayed(again),
         "episodes": {name: {key: values.tolist() for key, values in found[name].items()} for name in found},
         "seconds": seconds,
         "versions": about.versions(),
@@ -94,8 +110,24 @@ def _trained(path: Path, manifest: folder.Manifest) -> config_lib.EnvConfig:
         raise UserError(f"{path / folder.MANIFEST} has no usable 'config' ({error}); export the run again") from error
 
 
-def run(side: Side, first: State, horizon: int, tick: Tick) -> Figures:
-    """Each metric of each episode, (episodes,): summed up to its first `done`, as an evaluation does it."""
+def _replayed(again: Replayed) -> dict[str, Any]:
+    count = len(again.targets)
+    if not count:
+        return {"windows": 0}
+    away = {"mean": float(again.targets.mean()), "max": float(again.targets.max())}
+    return {"windows": count, "seconds": LENGTH * a1.CONTROL_DT, "targets": away} | compare(again.c, again.mjx)
+
+
+def run(side: Side, first: State, horizon: int, tick: Tick, watch: Watch | None = None) -> Figures:
+    """Each metric of each episode, (episodes,): summed up to its first `done`, as an evaluation does it.
+
+    Args:
+        side: the world.
+        first: states of the episodes.
+        horizon: control steps of the longest.
+        tick: told about progress.
+        watch: shown every step: its number, the states before and after it, and which episodes go on.
+    """
     state = side.begin(first)
     alive = np.ones(len(first.done), bool)
     zero = np.zeros(len(alive))
@@ -103,13 +135,15 @@ def run(side: Side, first: State, horizon: int, tick: Tick) -> Figures:
     for t in range(horizon):
         if not alive.any():
             break
-        state = side.step(state, t, alive)
+        before, state = state, side.step(state, t, alive)
         done = np.asarray(state.done) > 0
         survived = done * np.asarray(state.info["truncation"])
         values = dict(state.metrics) | {"return": state.reward, "length": zero + 1, "survived": survived}
         for name, value in values.items():
             sums[name] += np.where(alive, np.asarray(value, np.float64), 0.0)
         alive &= ~done
+        if watch is not None:
+            watch(t, before, state, alive)
         tick(side.name, t + 1, horizon)
     return figures(sums)
 

@@ -20,7 +20,7 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx import a1
 from loco_mjx.deploy.folder import DEPTH, STATE, Manifest
-from loco_mjx.deploy.mujoco_robot import MujocoRobot
+from loco_mjx.deploy.mujoco_robot import HIDDEN_GROUP, SEEN_GROUP, MujocoRobot
 from loco_mjx.deploy.observer import Observer
 from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.mesh import AXIS, spread
@@ -92,6 +92,19 @@ class WatchedRobot(MujocoRobot):
         self.forget()
         super().__init__(model, *args, **more)
 
+    def put(self, qpos: np.ndarray, qvel: np.ndarray, collected: np.ndarray) -> None:
+        """Puts it into a state, in the present scene with those of its spheres (n,) collected."""
+        self.data.qpos[:], self.data.qvel[:] = qpos, qvel
+        self.data.qacc_warmstart[:] = 0.0
+        self._mujoco.mj_forward(self.model, self.data)
+        for geom in range(self.model.ngeom):
+            kind, _, index = self.model.geom(geom).name.partition("sphere_")
+            if index and not kind:
+                self.model.geom_group[geom] = HIDDEN_GROUP if collected[int(index)] else SEEN_GROUP
+        self.forget()
+        self._sense()
+        self._expose(first=True)
+
     def forget(self) -> None:
         """Starts a new control step."""
         self.torque_squared, self.contact = 0.0, False
@@ -121,7 +134,7 @@ class CSide:
         """Builds the scenes of the first states and puts the robots where those have them."""
         scenes = jax.tree.map(np.asarray, state.pipeline_state.scene)
         starts = np.asarray(state.pipeline_state.physics.qpos, np.float64)
-        self.robots = list(self._pool.map(lambda i: self._robot(_one(scenes, i), starts[i]), range(len(starts))))
+        self.robots = list(self._pool.map(lambda i: self._robot(one(scenes, i), starts[i]), range(len(starts))))
         self._observers = [Observer(self._manifest) for _ in starts]
         self._targets = np.tile(self._manifest.default_pose, (len(starts), 1))
         return state
@@ -139,7 +152,7 @@ class CSide:
         if self._env.task.moving:
             for i in np.flatnonzero(alive):
                 robot = self.robots[i]
-                mjcf.place_boxes(robot.model, robot.data, _one(scene, i))
+                mjcf.place_boxes(robot.model, robot.data, one(scene, i))
         list(self._pool.map(self._control_step, np.flatnonzero(alive)))
         physics, outcome = self._measured()
         command = jp.asarray(self._targets - self._manifest.default_pose, jp.float32)
@@ -164,5 +177,6 @@ class CSide:
         return PhysicsState(qpos, qvel, jp.zeros_like(qvel)), Outcome(squared, contact, *trace)
 
 
-def _one(tree: Any, i: int | np.integer) -> Any:
+def one(tree: Any, i: int | np.integer) -> Any:
+    """One episode's part of a batch."""
     return jax.tree.map(lambda leaf: np.asarray(leaf[i]), tree)

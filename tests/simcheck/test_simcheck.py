@@ -13,10 +13,11 @@ from brax.envs.base import State
 
 from loco_mjx import a1, make_env
 from loco_mjx.cli.main import main
-from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig, PhysicsConfig
+from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig
 from loco_mjx.deploy import export, folder
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.types import OBSTACLE, STEP
+from loco_mjx.simcheck import replay
 from loco_mjx.simcheck.run import compare, run
 from loco_mjx.simcheck.sides import CSide, WatchedRobot, start
 from tests.deploy import flat, made
@@ -31,15 +32,16 @@ def policy(tmp_path, monkeypatch):
     """A folder with a policy of random weights that flings its legs about."""
     monkeypatch.setattr(export, "stablehlo", lambda policy: b"")
     random = made.policy("state-only")
-    converged = PhysicsConfig(iterations=12, ls_iterations=12)
-    env = dataclasses.replace(random.config.env, observation=BLIND, horizon=HORIZON, physics=converged)
+    env = dataclasses.replace(random.config.env, observation=BLIND, horizon=HORIZON)
     export.write(dataclasses.replace(random, config=dataclasses.replace(random.config, env=env)), tmp_path / "policy")
     return tmp_path / "policy"
 
 
-def test_both_sides_agree_while_chaos_has_not_begun(policy, capsys):
+def test_both_sides_agree_while_chaos_has_not_begun(policy, capsys, monkeypatch):
     """Any difference in observation, timing, gains, joint order or torque shows within half a second."""
-    assert main(["simcheck", str(policy), "--episodes", "2", "--seed", "3", "--json"]) == 0
+    monkeypatch.setattr(replay, "LENGTH", 5)
+    monkeypatch.setattr(replay, "APART", 6)
+    assert main(["simcheck", str(policy), "--episodes", "2", "--seed", "3", "--solver", "12", "12", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result["task"], result["num_episodes"], result["policy"]) == ("thin", 2, "state-only")
     c, mjx = (result["episodes"][name] for name in ("C MuJoCo", "MJX"))
@@ -50,6 +52,9 @@ def test_both_sides_agree_while_chaos_has_not_begun(policy, capsys):
     np.testing.assert_allclose(c["return"], mjx["return"], atol=0.001 / a1.CONTROL_DT)
     row = result["metrics"]["distance"]
     assert row["difference"] == pytest.approx(row["c_mean"] - row["mjx_mean"])
+    again = result["replay"]
+    assert again["windows"] >= 2 and again["targets"]["max"] < 1e-3
+    assert again["distance"]["c_mean"] == pytest.approx(again["distance"]["mjx_mean"], abs=1e-4)
 
 
 def test_bad_input(policy, tmp_path, capsys):
@@ -57,6 +62,7 @@ def test_bad_input(policy, tmp_path, capsys):
         ([str(tmp_path / "none")], "no policy folder"),
         ([str(policy), "--task", "thn"], "'thin'"),
         ([str(policy), "--episodes", "0"], "episodes is 0"),
+        ([str(policy), "--solver", "0", "8"], "physics.iterations is 0"),
     ):
         assert main(["simcheck", *words]) == 2
         assert said in capsys.readouterr().err
