@@ -34,9 +34,10 @@ file, scenes and starts; C MuJoCo with the full scene, every obstacle a real geo
 difference is C − MJX with the standard error of the paired mean.
 """
 REPLAY = """Episodes of 40 s with contacts are chaotic: pairs part, and the means of so few are as uncertain as the
-errors say. Seconds of them are not: every fourth second of MJX's episodes (solver {solver}) was run again in C from the same
-state with the same commands; distance in m from start to end of {seconds:g} s, contacts in control steps. What the
-policy would have commanded on C's observations and images of these seconds, and what it did command, differ as below.
+errors say. Seconds of them are not: every fourth second of MJX's episodes (solver {solver}) was run again in C from
+the same state with the same commands; distance in m from start to end of {seconds:g} s, contacts in control steps.
+What the policy would have commanded on C's observations and images of these seconds, and what it did command, differ
+as below.
 """
 SPEED = """## Speed, on a CPU
 

@@ -96,8 +96,9 @@ def keep(run: Run, directory: Path) -> None:
     for name in ("metrics.csv", "config.json"):
         shutil.copyfile(directory / name, target / name)
     info = json.loads((directory / "info.json").read_text())
-    command = info["command"]
-    command[command.index("--out") + 1] = directory.name  # not a path of the machine it ran on
+    for start in (info, *info.get("resumed", [])):
+        command = start["command"]
+        command[command.index("--out") + 1] = run.name  # not a path of the machine it ran on
     (target / "info.json").write_text(json.dumps(info, indent=1) + "\n")
     for name, result in results.items():
         (target / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
