@@ -78,11 +78,13 @@ class Replayed:
     """What the windows say, W of them.
 
     Attributes:
+        seconds: length of each.
         c: `distance` from start to end, m, and `contacts`, control steps; (W,) each.
         mjx: the same.
         targets: (W,) mean absolute difference between the policy's targets on C's observation and on MJX's, rad.
     """
 
+    seconds: float
     c: dict[str, np.ndarray]
     mjx: dict[str, np.ndarray]
     targets: np.ndarray
@@ -114,7 +116,7 @@ def replay(
         tick(done * LENGTH, len(windows) * LENGTH)
     columns = np.array(rows).reshape(-1, 5).T
     c, mjx = ({"distance": columns[i], "contacts": columns[i + 1]} for i in (0, 2))
-    return Replayed(c, mjx, columns[4])
+    return Replayed(LENGTH * a1.CONTROL_DT, c, mjx, columns[4])
 
 
 def _again(

@@ -13,6 +13,7 @@ from loco_mjx.evaluation.report import UNITS
 from loco_mjx.run.progress import LINE_SECONDS, duration
 
 COMPILING = 3  # control steps of a side that hold its compilation
+CAPTION = "difference: C − MJX, ± standard error of its mean"
 FIRST = ("distance", "collisions", "return")  # shown first; the others follow
 
 
@@ -22,7 +23,7 @@ def table(result: dict[str, Any]) -> Group:
     title = f"{trained}, on {result['task']}: {result['num_episodes']} episodes in the same scenes"
     metrics = result["metrics"]
     others = [name for name in metrics if name not in FIRST and any(metrics[name].values())]  # something of it happened
-    return Group(_rows(title, metrics, [*FIRST, *others], 2), *_replay(result["replay"]))
+    return Group(title, _rows(metrics, [*FIRST, *others], 2), CAPTION, *_replay(result["replay"]))
 
 
 def _replay(found: dict[str, Any]) -> list[Table | str]:
@@ -33,11 +34,11 @@ def _replay(found: dict[str, Any]) -> list[Table | str]:
     away = found["targets"]
     amount = f"{away['mean']:.1e} rad in the mean, {away['max']:.1e} at most"
     said = f"On C's observations of them the policy's targets differ by {amount}."
-    return [_rows(title, found, ["distance", "contacts"], 4), said]
+    return ["", title, _rows(found, ["distance", "contacts"], 4), said]
 
 
-def _rows(title: str, metrics: dict[str, Any], names: list[str], digits: int) -> Table:
-    table = Table(title=title, title_justify="left", caption="difference: C − MJX, ± standard error of its mean")
+def _rows(metrics: dict[str, Any], names: list[str], digits: int) -> Table:
+    table = Table()
     table.add_column("metric")
     for name in ("C MuJoCo", "MJX", "ratio", "difference"):
         table.add_column(name, justify="right")

@@ -14,7 +14,6 @@ from typing import Any, Protocol
 import numpy as np
 from brax.envs.base import State
 
-from loco_mjx import a1
 from loco_mjx import config as config_lib
 from loco_mjx.deploy import folder
 from loco_mjx.deploy.session import Session
@@ -24,7 +23,7 @@ from loco_mjx.evaluation.episodes import Figures, evaluation_config, figures
 from loco_mjx.mesh import dividing, make_mesh
 from loco_mjx.run import about
 from loco_mjx.scene.tasks import get_task
-from loco_mjx.simcheck.replay import LENGTH, Recorder, Replayed, replay
+from loco_mjx.simcheck.replay import Recorder, Replayed, replay
 from loco_mjx.simcheck.sides import CSide, MjxSide, start
 
 Tick = Callable[[str, int, int], None]  # a side's name, control steps done, of how many
@@ -115,7 +114,7 @@ def _replayed(again: Replayed) -> dict[str, Any]:
     if not count:
         return {"windows": 0}
     away = {"mean": float(again.targets.mean()), "max": float(again.targets.max())}
-    return {"windows": count, "seconds": LENGTH * a1.CONTROL_DT, "targets": away} | compare(again.c, again.mjx)
+    return {"windows": count, "seconds": again.seconds, "targets": away} | compare(again.c, again.mjx)
 
 
 def run(side: Side, first: State, horizon: int, tick: Tick, watch: Watch | None = None) -> Figures:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 from concurrent.futures import ThreadPoolExecutor
 
@@ -10,6 +11,7 @@ import jax
 import numpy as np
 import pytest
 from brax.envs.base import State
+from rich.console import Console
 
 from loco_mjx import a1, make_env
 from loco_mjx.cli.main import main
@@ -17,7 +19,7 @@ from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig
 from loco_mjx.deploy import export, folder
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.types import OBSTACLE, STEP
-from loco_mjx.simcheck import replay
+from loco_mjx.simcheck import replay, report
 from loco_mjx.simcheck.run import compare, run
 from loco_mjx.simcheck.sides import CSide, WatchedRobot, start
 from tests.deploy import flat, made
@@ -55,6 +57,16 @@ def test_both_sides_agree_while_chaos_has_not_begun(policy, capsys, monkeypatch)
     again = result["replay"]
     assert again["windows"] >= 2 and again["targets"]["max"] < 1e-3
     assert again["distance"]["c_mean"] == pytest.approx(again["distance"]["mjx_mean"], abs=1e-4)
+    shown = _printed(result)
+    assert f"{again['windows']} times 0.2 s" in shown and f"{again['distance']['mjx_mean']:.4f}" in shown
+    assert f"targets differ by {again['targets']['mean']:.1e} rad" in shown
+    assert "times" not in _printed(result | {"replay": {"windows": 0}})
+
+
+def _printed(result):
+    console = Console(record=True, width=200, file=io.StringIO())
+    console.print(report.table(result))
+    return console.export_text()
 
 
 def test_bad_input(policy, tmp_path, capsys):
