@@ -85,10 +85,13 @@ def learning() -> str:
     head += ["exploring: distance", "exploring: length"]
     text = LEARNING.format(episodes=len_episodes(found), tail=TAIL)
     text += "\n" + table(head, [learning_row(name, path) for name, path in found.items()])
+    origins: dict[str, list[str]] = {}
     for name, path in found.items():
         physics = json.loads((path / "config.json").read_text())["env"]["physics"]
         solver = f"solver {physics['iterations']} × {physics['ls_iterations']} iterations"
-        text += f"\n- `{name}`: {solver}; {machine(json.loads((path / 'info.json').read_text()))}"
+        origins.setdefault(f"{solver}; {machine(json.loads((path / 'info.json').read_text()))}", []).append(name)
+    for origin, names in origins.items():
+        text += f"\n- {', '.join(f'`{name}`' for name in names)}: {origin}"
     return text + "\n"
 
 
@@ -144,26 +147,31 @@ def speed() -> str:
 
 
 def curves() -> None:
-    """Draws distance and length over samples of every learning run."""
+    """Draws distance and length over samples: a line per run, a colour per task and policy."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), constrained_layout=True)
-    for i, (name, path) in enumerate(_longest(runs()).items()):
-        curve, color = rows(path / "metrics.csv"), f"C{i}"
-        for key, style, label in (("eval/distance", "o-", f"{name}, mean action"), ("episode/distance", "-", None)):
+    colors: dict[str, str] = {}
+    for name, path in _longest(runs()).items():
+        curve, method = rows(path / "metrics.csv"), name.split("-seed")[0]
+        label = None if method in colors else method
+        color = colors.setdefault(method, f"C{len(colors)}")
+        for axis, key, style, alpha in (
+            (left, "eval/distance", "o-", 1.0),
+            (left, "episode/distance", "-", 0.3),
+            (right, "episode/length", "-", 1.0),
+        ):
             points = [(row["step"] / 1e6, row[key]) for row in curve if key in row]
-            alpha = 1.0 if label else 0.4
-            left.plot(*zip(*points, strict=True), style, color=color, alpha=alpha, label=label, markersize=4)
-        points = [(row["step"] / 1e6, row["episode/length"]) for row in curve if "episode/length" in row]
-        right.plot(*zip(*points, strict=True), color=color, label=name)
-    left.set(xlabel="samples, millions", ylabel="distance per episode, m", title="faint: exploring")
+            named = label if axis is right else None
+            axis.plot(*zip(*points, strict=True), style, color=color, alpha=alpha, markersize=4, label=named)
+    left.set(xlabel="samples, millions", ylabel="distance per episode, m", title="acting by its mean; faint: exploring")
     right.set(xlabel="samples, millions", ylabel="episode length, control steps", title="exploring")
     for axis in (left, right):
         axis.grid(alpha=0.3)
-        axis.legend(fontsize=8)
+    right.legend(fontsize=8)
     figure.savefig(CURVES, dpi=110)
 
 

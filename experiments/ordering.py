@@ -56,12 +56,9 @@ def _orders(ours: dict[str, list[float]], theirs: dict[str, float]) -> str:
     shown = [(a, b) for a, b in pairs if min(ours[a]) > max(ours[b])]
     against = [(a, b) for a, b in pairs if max(ours[a]) < min(ours[b])]
     open_ = [pair for pair in pairs if pair not in shown + against]
-    said = lambda found: "; ".join(f"{names[a]} > {names[b]}" for a, b in found) or "none"  # noqa: E731
-    return (
-        "Of the paper's order of distances on `wide`, pair by pair: "
-        f"every seed of ours agrees on {said(shown)}. Every seed contradicts {said(against)}. "
-        f"Our seeds do not decide {said(open_)}."
-    )
+    parts = [("every seed of ours agrees on", shown), ("every seed contradicts", against), ("undecided is", open_)]
+    said = [f"{what} {', '.join(f'{names[a]} > {names[b]}' for a, b in found)}" for what, found in parts if found]
+    return f"Of the paper's order of distances on `wide`, pair by pair: {'; '.join(said)}."
 
 
 def _over_seeds(paths: list[Path], file: str, metric: str) -> list[float]:
