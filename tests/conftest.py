@@ -25,8 +25,10 @@ _OPTIMIZED = ("oracle", "physics", "depth", "ppo")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Chooses, before any fixture is made, how its programs are compiled."""
-    jax.config.update("jax_disable_most_optimizations", item.path.parent.name not in _OPTIMIZED)
+    """Chooses, before any fixture is made, how its programs are compiled, and those of the processes it starts."""
+    unoptimized = item.path.parent.name not in _OPTIMIZED
+    jax.config.update("jax_disable_most_optimizations", unoptimized)
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(unoptimized))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
