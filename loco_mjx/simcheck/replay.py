@@ -81,7 +81,8 @@ class Replayed:
         seconds: length of each.
         c: `distance` from start to end, m, and `contacts`, control steps; (W,) each.
         mjx: the same.
-        targets: (W,) mean absolute difference between the policy's targets on C's observation and on MJX's, rad.
+        targets: (W,) mean absolute difference between the policy's targets on C's observation and on MJX's, rad; NaN
+            for a policy that still sees at a window's end what was before it.
     """
 
     seconds: float
@@ -141,7 +142,11 @@ def _again(
         touched += robot.contact
     start, end = np.asarray(physics.qpos[i, :3], np.float64), np.asarray(window.end)[i]
     moved = [float(np.linalg.norm(there - start)) for there in (robot.data.qpos[:3], end)]
-    return moved[0], touched, moved[1], float(np.sum([contact[i] for contact in window.contacts])), float(np.mean(away))
+    return moved[0], touched, moved[1], float(np.sum([contact[i] for contact in window.contacts])), _mean(away)
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values)) if values else np.nan
 
 
 def _settled(manifest: Manifest) -> int:

@@ -113,7 +113,8 @@ def _replayed(again: Replayed) -> dict[str, Any]:
     count = len(again.targets)
     if not count:
         return {"windows": 0}
-    away = {"mean": float(again.targets.mean()), "max": float(again.targets.max())}
+    compared = not np.isnan(again.targets).any()
+    away = {"mean": float(again.targets.mean()), "max": float(again.targets.max())} if compared else None
     return {"windows": count, "seconds": again.seconds, "targets": away} | compare(again.c, again.mjx)
 
 

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from loco_mjx import a1
+from loco_mjx.deploy.mujoco_robot import HIDDEN_GROUP, SEEN_GROUP
 from loco_mjx.deploy.observer import Observer
 from loco_mjx.scene import mjcf
 from loco_mjx.scene.types import OBSTACLE
 from loco_mjx.simcheck import replay as replay_lib
 from loco_mjx.simcheck.replay import LENGTH, Recorder, replay
+from loco_mjx.simcheck.run import _replayed as _replayed_figures
 from loco_mjx.simcheck.sides import WatchedRobot
 from tests.deploy import flat
 from tests.physics import world
@@ -102,3 +104,19 @@ def test_only_whole_seconds_count_and_windows_begin_where_the_policy_looks(monke
     assert [bool(window.whole[0]) for window in recorder.windows] == [True, False, False]
     with ThreadPoolExecutor(1) as pool:
         assert len(replay(recorder.windows, [robot], MANIFEST, _policy, pool, lambda *tick: None).targets) == 1
+
+
+def test_a_policy_that_holds_its_depth_for_longer_than_a_second_is_not_compared(recorded):
+    again = _replayed(recorded, manifest=dataclasses.replace(MANIFEST, hold=LENGTH + 1))
+    assert np.isnan(again.targets).all() and np.isfinite(again.c["distance"]).all()
+    assert _replayed_figures(again)["targets"] is None
+
+
+def test_spheres_are_as_collected_as_in_the_state_it_is_put_into():
+    robot = WatchedRobot(flat.model(), MANIFEST.camera, lying=False)
+    qpos, qvel, sphere = robot.data.qpos.copy(), robot.data.qvel.copy(), robot.model.geom("sphere_0").id
+    groups = []
+    for collected in (True, False):
+        robot.put(qpos, qvel, np.array([collected]))
+        groups.append(robot.model.geom_group[sphere])
+    assert groups == [HIDDEN_GROUP, SEEN_GROUP]
