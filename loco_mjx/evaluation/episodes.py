@@ -16,6 +16,7 @@ from jax.sharding import PartitionSpec as P
 from loco_mjx import a1
 from loco_mjx.config import EnvConfig
 from loco_mjx.errors import UserError
+from loco_mjx.evaluation.shown import PER_METRE
 from loco_mjx.mesh import AXIS, spread
 from loco_mjx.networks import hold
 from loco_mjx.networks.policies import DEPTH, Networks
@@ -26,7 +27,6 @@ ACCELERATOR_CHUNK = 1024
 EARLY_SECONDS = 16.0  # what 1,000 steps of the authors' code last; the paper prints 25 Hz, its code runs at 62.5 Hz
 EARLY_STEPS = round(EARLY_SECONDS / a1.CONTROL_DT)
 EARLY = {"distance": "distance_16s", "collisions": "collisions_16s"}  # metrics that are also summed over that time
-PER_METRE = "collisions_per_metre"
 WALKED = 1.0  # m, mean distance below which collisions per metre say nothing
 Figures = dict[str, np.ndarray]
 # The environments, which episodes go on, sums of metrics, the step, and the depth that the policy holds.

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from loco_mjx.evaluation.episodes import PER_METRE
-
+PER_METRE = "collisions_per_metre"
 NOTHING = "—"  # where there is no figure
 _STEPS = "steps"
 # Metrics that repeat another where nothing sets the two apart: no goal, no contact before the first obstacle.
