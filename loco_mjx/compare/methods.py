@@ -5,9 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from rich.table import Table
+
 from loco_mjx.compare import paper, results
 from loco_mjx.compare.results import Evaluation, OverSeeds, Run
-from loco_mjx.evaluation.shown import LEADING, NOTHING, Shown
+from loco_mjx.evaluation.shown import LEADING, NOTHING, PER_METRE, Shown
+
+# Of the metrics, those of a sweep's summary.
+_BRIEFLY = ("distance", "collisions", PER_METRE, "speed", "distance_16s", "collisions_16s")
+BRIEFLY = tuple(shown for shown in LEADING if shown.name in _BRIEFLY)
 
 
 @dataclass(frozen=True)
@@ -98,6 +104,20 @@ def heads() -> list[str]:
     """The columns of what is shown of a method: every metric that matters with its unit, then what it stands on."""
     units = [f"{one.label} ({one.unit})" if one.unit else one.label for one in LEADING]
     return [*units, "samples", "seeds", "episodes"]
+
+
+def overview(found: Sequence[Method]) -> Table:
+    """The metrics that matter of each task and policy, for a terminal."""
+    table = Table(title="evaluations: mean ± standard deviation over seeds", title_justify="left")
+    for name in ("task", "policy"):
+        table.add_column(name, overflow="fold")
+    for shown in BRIEFLY:
+        table.add_column(f"{shown.label}, {shown.unit}" if shown.unit else shown.label, justify="right")
+    table.add_column("seeds", justify="right")
+    for one in found:
+        figures = [one.figure(shown) for shown in BRIEFLY]
+        table.add_row(one.where, one.label, *figures, str(len(one.evaluations)))
+    return table
 
 
 def _rank(label: str) -> tuple[int, str]:
