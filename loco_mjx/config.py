@@ -199,7 +199,21 @@ def _fast(config: Config) -> Config:
     return dataclasses.replace(config, env=dataclasses.replace(config.env, action=action), ppo=ppo)
 
 
-PRESETS = {"paper": lambda config: config, "fast": _fast}
+def _real(config: Config) -> Config:
+    """`fast` for the real robot: what it cannot measure is not observed, and what is not known of it is drawn."""
+    config = _fast(config)
+    observation = config.env.observation
+    env = dataclasses.replace(
+        config.env,
+        observation=dataclasses.replace(
+            observation, displacement=False, depth=dataclasses.replace(observation.depth, noise=True)
+        ),
+        randomization=dataclasses.replace(config.env.randomization, enabled=True),
+    )
+    return dataclasses.replace(config, env=env)
+
+
+PRESETS = {"paper": lambda config: config, "fast": _fast, "real": _real}
 
 
 def preset(name: str) -> Config:

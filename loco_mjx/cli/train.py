@@ -43,7 +43,7 @@ class Options:
     seeds: str | None = None
     """Several seeds in one program instead, as in 0-4 or 0,2,5; each one's run is seedSEED in --out."""
     preset: str = PRESET
-    """Defaults of the whole configuration: the paper's, or ones tuned for wall-clock."""
+    """Defaults of the whole configuration: paper's, fast (tuned for wall-clock), or real (fast, for the real robot)."""
     total_steps: int | None = None
     """Samples to train; None: the preset's on a GPU, on a CPU what takes about 20 minutes."""
     num_envs: int | None = None

@@ -34,6 +34,11 @@ class Run:
     config: Config
     flat: dict[str, Any]
 
+    @classmethod
+    def of(cls, path: Path, config: Config) -> Run:
+        """The run of a configuration in a directory."""
+        return cls(path, config, flatten(to_dict(config)))
+
     @property
     def samples(self) -> int:
         """It was to be trained on."""
@@ -93,8 +98,7 @@ def find_runs(folder: Path) -> list[Run]:
         raise UserError(f"{folder} is no directory; give one that `loco-mjx sweep` or `loco-mjx train` wrote")
     runs = []
     for path in sorted(folder.rglob(CONFIG)):
-        config = load_config(path.parent)
-        runs.append(Run(path.parent, config, flatten(to_dict(config))))
+        runs.append(Run.of(path.parent, load_config(path.parent)))
     if not runs:
         raise UserError(f"no runs in {folder}; give a directory that `loco-mjx sweep` or `loco-mjx train` wrote")
     return runs
