@@ -64,7 +64,7 @@ def main(args: Sequence[str]) -> int:
     Raises:
         UserError: before anything is computed or written, if something is wrong.
     """
-    options = parse(Options, args, PROG)
+    options = parse(Options, args, PROG, names=("tasks",))
     choose_gl()  # before anything imports MuJoCo
     from loco_mjx.run import machine
 

@@ -43,7 +43,7 @@ def main(args: Sequence[str]) -> int:
     Raises:
         UserError: as :func:`scene`.
     """
-    options = parse(Options, args, PROG)
+    options = parse(Options, args, PROG, names=("tasks",))
     from loco_mjx.run import machine
 
     if options.png is not None:

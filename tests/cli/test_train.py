@@ -20,6 +20,12 @@ SMALL = [
 RUN = ["train", *SMALL, "--total-steps", "192"]
 
 
+def without(option):
+    """RUN without an option of one value."""
+    place = RUN.index(option)
+    return RUN[:place] + RUN[place + 2 :]
+
+
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch, tmp_path):
     """The real command in an empty directory, with a tiny environment in place of the robot."""
@@ -45,10 +51,15 @@ BAD = {
     "key": (["train", "--ppo.clipp", "3"], ["'--ppo.clipp'", "'--ppo.clip'", "--ppo.epochs"]),
     "value": (["train", "--seed", "x"], ["--seed", "x"]),
     "seed": (["train", "--seed", "99999999999999999999"], ["seed is 99999999999999999999", "2147483647"]),
-    "minibatch": ([*RUN, "--ppo.minibatch", "5"], ["ppo.minibatch 5", "32 samples"]),
-    "none": ([*RUN, "--num-envs", "0"], ["ppo.num_envs is 0", "1 or more"]),
-    "negative": ([*RUN, "--total-steps", "-5"], ["ppo.total_steps is -5", "1 or more"]),
+    "minibatch": ([*without("--ppo.minibatch"), "--ppo.minibatch", "5"], ["ppo.minibatch 5", "32 samples"]),
+    "none": ([*without("--num-envs"), "--num-envs", "0"], ["ppo.num_envs is 0", "1 or more"]),
+    "negative": ([*without("--total-steps"), "--total-steps", "-5"], ["ppo.total_steps is -5", "1 or more"]),
     "tokens": (["train", "--network.tokens-per-side", "3"], ["--network.tokens-per-side", "'3'"]),
+    "two tasks": (["train", "--task", "thin", "--env.task", "wide"], ["--task is thin", "--env.task is wide"]),
+    "two sizes": ([*RUN, "--ppo.num-envs", "8"], ["--num-envs is 4", "--ppo.num-envs is 8"]),
+    "two totals": ([*RUN, "--ppo.total_steps=8"], ["--total-steps is 192", "--ppo.total-steps is 8"]),
+    "two presets": (["train", "--preset", "fast", "--preset", "paper"], ["--preset", "twice", "'fast'", "'paper'"]),
+    "two seeds": ([*RUN, "--seed", "1", "--seeds", "1-2"], ["--seed and --seeds"]),
     "no depth": (
         ["train", "--preset", "fast", "--env.observation.depth.enabled", "False"],
         ["depth", "loco-transformer"],
@@ -137,6 +148,12 @@ def test_the_preset_gives_the_defaults_and_options_override_it():
     assert (paper.env.task, paper.seed) == ("wide", 4)
     fast = train.configuration(train.read([]))
     assert fast.env.action.scale == (0.2, 0.5, 0.5)
+
+
+def test_a_key_and_its_short_form_may_agree_or_stand_alone():
+    both = train.configuration(train.read(["--task", "wide", "--env.task", "wide", "--env.task=wide"]))
+    assert both == train.configuration(train.read(["--env.task", "wide"]))
+    assert both.env.task == "wide"
 
 
 def test_without_a_budget_a_cpu_gets_one_of_minutes_and_is_told_what_all_would_take(capsys, monkeypatch):

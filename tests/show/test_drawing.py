@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import os
+import subprocess
+import warnings
+
 import imageio.v3 as imageio
 import jax
 import jax.numpy as jp
@@ -8,6 +12,7 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import DepthConfig
+from loco_mjx.errors import UserError
 from loco_mjx.networks.encoders import DepthEncoder, VisualTokens
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.tasks import get_task
@@ -84,6 +89,27 @@ def test_a_film_can_be_read_back(suffix, tmp_path):
     assert film.shape[:3] == (10, 36, 64)
     assert [int(frame[..., :3].sum((0, 2)).argmax()) // 6 for frame in film.astype(int)] == list(range(10))
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_film_forks_nothing(tmp_path):
+    """A fork while JAX's threads run may deadlock; JAX warns of each. Programs are started without one."""
+    forks = []
+    os.register_at_fork(before=lambda: forks.append(1))
+    with video.writer(tmp_path / "a.gif", 36, 64, 25.0) as add:
+        add(np.zeros((36, 64, 3), np.uint8))
+    assert not forks
+    with warnings.catch_warnings(action="ignore"):
+        subprocess.run(["true"], preexec_fn=os.getpid, check=True)
+    assert forks  # the hook hears what it should
+
+
+def test_what_ffmpeg_complains_of_is_one_line(tmp_path):
+    with (
+        pytest.raises(UserError, match=r"cannot write '.*a\.mp4': .*(width|height) not divisible") as error,
+        video.writer(tmp_path / "a.mp4", 37, 63, 25.0) as add,
+    ):
+        add(np.zeros((37, 63, 3), np.uint8))
+    assert "\n" not in str(error.value) and not list(tmp_path.iterdir())
 
 
 def test_a_film_that_breaks_off_leaves_nothing(tmp_path):
