@@ -49,7 +49,8 @@ the same scenes, with as many threads.
 
 def machine(info: dict[str, Any]) -> str:
     """One line: processor, devices, versions, commit."""
-    versions = ", ".join(f"{name} {info['versions'][name]}" for name in ("python", "jax", "mujoco-mjx", "brax"))
+    names = ("python", "jax", "mujoco-mjx", "brax")  # the last one only where results are from when it was needed
+    versions = ", ".join(f"{name} {info['versions'][name]}" for name in names if name in info["versions"])
     where = f"{info['machine']['system']}, {info['devices']['count']} {info['devices']['kind']} devices"
     return f"{where}; {versions}; commit {info['git']['commit'][:10]}"
 

@@ -28,7 +28,7 @@ VERBS: dict[str, str] = {
 }
 # Packages that an installation may lack, by the extra that brings them.
 EXTRAS: dict[str, str] = {"onnxruntime": "deploy", "onnx": "export", "pyrealsense2": "a1"} | dict.fromkeys(
-    ("jax", "jaxlib", "flax", "optax", "brax", "mujoco", "orbax", "rich", "tensorboardX", "matplotlib", "imageio"),
+    ("jax", "jaxlib", "flax", "optax", "mujoco", "orbax", "rich", "tensorboardX", "matplotlib", "imageio"),
     "train",
 )
 USAGE_ERROR = 2

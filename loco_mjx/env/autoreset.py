@@ -10,7 +10,8 @@ from typing import Any, Protocol
 
 import jax
 import jax.numpy as jp
-from brax.envs.base import State
+
+from loco_mjx.env.state import State
 
 
 class ResettableEnv(Protocol):

@@ -9,12 +9,12 @@ from typing import Any
 import jax
 import jax.numpy as jp
 import numpy as np
-from brax.envs.base import State
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx import a1
 from loco_mjx.config import EnvConfig
+from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.shown import PER_METRE
 from loco_mjx.mesh import AXIS, spread

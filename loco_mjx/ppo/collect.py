@@ -8,10 +8,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jp
-from brax.envs.base import State
 from flax import struct
 
 from loco_mjx.env import autoreset
+from loco_mjx.env.state import State
 from loco_mjx.networks import hold as hold_lib
 from loco_mjx.networks.policies import DEPTH, STATE, Networks, Params
 from loco_mjx.ppo import distribution, frames

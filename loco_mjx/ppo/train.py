@@ -10,7 +10,6 @@ from typing import Any
 import jax
 import jax.numpy as jp
 import optax
-from brax.envs.base import State
 from flax import struct
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
@@ -18,6 +17,7 @@ from jax.sharding import PartitionSpec as P
 from loco_mjx import config as config_lib
 from loco_mjx.config import Config
 from loco_mjx.env import autoreset
+from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.mesh import AXIS, make_mesh, spread
 from loco_mjx.networks.policies import DEPTH, Params, make_networks

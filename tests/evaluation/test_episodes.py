@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jp
 import numpy as np
 import pytest
-from brax.envs.base import State
 
 from loco_mjx import a1
 from loco_mjx.config import preset
+from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import EARLY_STEPS, Evaluator, evaluation_config, means, summarize
 from loco_mjx.networks.policies import Outputs
