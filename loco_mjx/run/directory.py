@@ -22,7 +22,7 @@ from loco_mjx.errors import UserError
 
 CONFIG, INFO, LOCK, PARTIAL = "config.json", "info.json", "lock", ".partial"
 EXTENDABLE = "ppo.total_steps"
-_BEFORE_CONFIG = (LOCK, INFO, INFO + PARTIAL, CONFIG + PARTIAL)
+_BEFORE_CONFIG = (LOCK, INFO, INFO + PARTIAL, CONFIG + PARTIAL, "teacher")  # a teacher trains before its run
 
 
 def write_json(path: Path, content: Any) -> None:
