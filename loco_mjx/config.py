@@ -216,7 +216,12 @@ def _fast(config: Config) -> Config:
     return dataclasses.replace(config, env=dataclasses.replace(config.env, action=action), ppo=ppo)
 
 
-PRESETS = {"paper": lambda config: config, "fast": _fast}
+def _paper(config: Config) -> Config:
+    """The paper's, with the optimisers of the authors' code."""
+    return dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, optimizer="separate", value_loss=1.0))
+
+
+PRESETS = {"paper": _paper, "fast": _fast}
 
 
 def preset(name: str) -> Config:

@@ -63,10 +63,11 @@ def _scan(scene: Scene, base: jax.Array, cos: jax.Array, sin: jax.Array) -> jax.
 
 
 def _goal(goal: jax.Array, base: jax.Array, cos: jax.Array, sin: jax.Array) -> jax.Array:
-    """(3,) level direction to the goal in the heading frame, and its distance over 10 m."""
+    """(3,) level direction to the goal in the heading frame, and its distance over 10 m; zeros without a goal."""
     dx, dy, _ = goal - base
     distance = jp.maximum(jp.sqrt(dx * dx + dy * dy), 1e-3)
-    return jp.stack([(cos * dx + sin * dy) / distance, (cos * dy - sin * dx) / distance, distance / 10.0])
+    found = jp.stack([(cos * dx + sin * dy) / distance, (cos * dy - sin * dx) / distance, distance / 10.0])
+    return jp.where(jp.any(goal != 0.0), found, 0.0)
 
 
 def _rays(scene: Scene, base: jax.Array, yaw: jax.Array) -> tuple[jax.Array, jax.Array]:

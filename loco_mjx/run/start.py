@@ -17,32 +17,32 @@ from loco_mjx.run.progress import Reporter
 from loco_mjx.run.record import Run, common_step
 from loco_mjx.run.summary import print_summary
 
-TEACHER = "teacher"  # of the folder of a teacher's run, in that of the run that learns from it
 EVALUATION_SEED = 1_000_000  # added to the run's seed: the same scenes at every evaluation of a run
 
 
-def build(config: Config, teacher: Path | None = None) -> Any:
+def build(config: Config) -> Any:
     """The trainer of a configuration, over all devices: this host's, or those of all processes of the run.
-
-    Args:
-        config: the run's.
-        teacher: the finished run of its teacher, for method `distill`.
 
     Raises:
         UserError: if sizes do not divide over the devices, or a name is unknown.
     """
     from loco_mjx.env import LocoEnv
     from loco_mjx.mesh import make_mesh
-
-    if config.method == "distill" and teacher is not None:
-        from loco_mjx.evaluation.policy import load_policy
-        from loco_mjx.ppo.distill import DistillTrainer, Teacher
-
-        learnt = jax.device_get(load_policy(teacher))
-        return DistillTrainer(config, LocoEnv(config.env), Teacher(learnt.params, learnt.normalizer), make_mesh())
     from loco_mjx.ppo.train import Trainer
 
     return Trainer(config, LocoEnv(config.env), make_mesh())
+
+
+def build_student(config: Config, teacher: Path) -> Any:
+    """As :func:`build`, for method `distill`; `teacher` is the finished run of its teacher."""
+    from loco_mjx.env import LocoEnv
+    from loco_mjx.evaluation.policy import load_policy
+    from loco_mjx.mesh import make_mesh
+    from loco_mjx.ppo.distill import DistillTrainer, Teacher
+
+    learnt = load_policy(teacher)
+    given = jax.device_get((learnt.params, learnt.normalizer))
+    return DistillTrainer(config, LocoEnv(config.env), Teacher(*given), make_mesh())
 
 
 def teach(run: Run, options: loop.LoopOptions, console: Console, command: list[str]) -> loop.Outcome | None:
@@ -54,7 +54,7 @@ def teach(run: Run, options: loop.LoopOptions, console: Console, command: list[s
     Raises:
         UserError: as :func:`train`.
     """
-    place = run.directory / TEACHER
+    place = run.directory / directory.TEACHER
     found = directory.find(place)
     # One that is there was trained for as long as was asked for then.
     config = teacher_of(run.config) if found is None else found
@@ -104,7 +104,9 @@ def train(runs: Sequence[Run], options: loop.LoopOptions, console: Console, comm
         stopped = teach(runs[0], options, console, command)
         if stopped is not None:
             return stopped
-    trainer = build(config, runs[0].directory / TEACHER)
+        trainer = build_student(config, runs[0].directory / directory.TEACHER)
+    else:
+        trainer = build(config)
     learner = group(trainer, runs)
     with contextlib.ExitStack() as claims:
         done = common_step(runs)
