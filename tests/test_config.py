@@ -35,6 +35,7 @@ def test_paper_preset_is_the_papers():
     ppo = config_lib.preset("paper").ppo
     assert ppo.samples_per_iteration == 8192 and ppo.minibatch == 256 and ppo.epochs == 3 and ppo.learning_rate == 1e-4
     assert ppo.total_steps == 15_000_000 and ppo.iterations == 1832 and ppo.learning_rate_decay
+    assert ppo.optimizer == "separate" and ppo.value_loss == 1.0  # as in the authors' code
 
 
 def test_real_preset_is_the_fast_one_without_what_the_robot_cannot_measure():

@@ -9,14 +9,14 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
 from loco_mjx import config as config_lib
 from loco_mjx.cli import words
 from loco_mjx.cli.parse import check_seed, parse
-from loco_mjx.config import Config, EnvConfig, NetworkConfig, PPOConfig
+from loco_mjx.config import Config, DistillConfig, EnvConfig, NetworkConfig, PPOConfig
 from loco_mjx.errors import UnknownNameError, UserError
 from loco_mjx.run.loop import LoopOptions
 from loco_mjx.run.progress import duration
@@ -42,12 +42,14 @@ class Options:
     """Task to train on, one of those above; None: thin."""
     policy: str = "loco-transformer"
     """Policy to train, one of those above; it decides whether depth is rendered."""
+    method: Literal["ppo", "distill"] = "ppo"
+    """How it learns: by PPO alone, as in the paper, or from a privileged teacher first (`distill`)."""
     seed: int = 0
     """Seed of everything random."""
     seeds: str | None = None
     """Several seeds in one program instead, as in 0-4 or 0,2,5; each one's run is seedSEED in --out."""
     preset: str = PRESET
-    """Defaults of the whole configuration, one of those above: the paper's, tuned for wall-clock, or for the real robot."""
+    """Defaults of the whole configuration, one of those above: the paper's, for wall-clock, or for the robot."""
     total_steps: int | None = None
     """Samples to train; None: the preset's on a GPU, on a CPU what takes about 20 minutes."""
     num_envs: int | None = None
@@ -64,6 +66,7 @@ class Options:
     env: tyro.conf.FlagConversionOff[EnvConfig] = field(default_factory=EnvConfig)
     network: tyro.conf.FlagConversionOff[NetworkConfig] = field(default_factory=NetworkConfig)
     ppo: tyro.conf.FlagConversionOff[PPOConfig] = field(default_factory=PPOConfig)
+    distill: tyro.conf.FlagConversionOff[DistillConfig] = field(default_factory=DistillConfig)
 
 
 def main(args: Sequence[str]) -> int:
@@ -129,6 +132,8 @@ def planned(options: Options, args: Sequence[str], config: Config) -> list[Run]:
         return [Run(config, options.out or home / f"seed{config.seed}")]
     if any(name == "--seed" for name, _ in words.given(args)):
         raise UserError("--seed and --seeds are given; accepted: --seed for one run, --seeds for several together")
+    if config.method == "distill":
+        raise UserError("--seeds trains by PPO alone; accepted with --method distill: one --seed after the other")
     seeds, home = parse_seeds(options.seeds), options.out or home
     if len(seeds) < sum(len(parse_seeds(part)) for part in options.seeds.split(",")):
         raise UserError(f"seeds '{options.seeds}' name one twice; accepted: each once, e.g. 0-4 or 0,2,5")
@@ -182,7 +187,16 @@ def configuration(options: Options) -> Config:
     ppo = options.ppo
     if options.num_envs is not None:
         ppo = dataclasses.replace(ppo, num_envs=options.num_envs)
-    config = Config(policy=options.policy, seed=options.seed, env=env, network=options.network, ppo=ppo)
+    config = Config(
+        policy=options.policy,
+        method=options.method,
+        seed=options.seed,
+        distill=options.distill,
+        env=env,
+        network=options.network,
+        ppo=ppo,
+    )
+    config = config_lib.with_method(config)
     return config if options.total_steps is None else with_total(config, options.total_steps)
 
 

@@ -13,7 +13,7 @@ from loco_mjx.config import EnvConfig
 from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
 from loco_mjx.env import observation as obs_lib
-from loco_mjx.env import randomization, reward
+from loco_mjx.env import privileged, randomization, reward
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
 from loco_mjx.physics.step import Outcome, PhysicsState, control_step, initial_state
@@ -52,6 +52,8 @@ class LocoEnv:
         sizes: dict[str, tuple[int, ...]] = {"state": (obs.state_size,)}
         if depth.enabled:
             sizes["pixels/depth"] = (depth.height, depth.width, depth.frames)
+        if obs.privileged:
+            sizes["privileged"] = (privileged.SIZE,)
         return sizes
 
     @property
@@ -144,6 +146,8 @@ class LocoEnv:
         qpos = world.physics.qpos
         goal = obs_lib.goal_in_base(world.scene.goal, qpos) if config.goal else None
         obs = {"state": obs_lib.state_vector(world.episode.history, goal)}
+        if config.privileged:
+            obs["privileged"] = privileged.observe(world.scene, qpos, world.physics.qvel)
         info = dict(state.info)
         if config.depth.enabled:
             info["key"], blind_key = jax.random.split(state.info["key"])

@@ -142,6 +142,27 @@ def test_the_policy_decides_whether_depth_is_rendered():
     assert not blind.env.observation.depth.enabled and seeing.env.observation.depth.enabled
 
 
+def test_a_teacher_is_trained_first_and_its_run_is_where_the_policys_is(monkeypatch, tmp_path, capsys):
+    """Both parts by the tiny learner: what is asked of them, in which order, and what a repeated command does."""
+    built = []
+
+    def note(config, *teacher):
+        built.append((config, *teacher))
+        return tiny_trainer(train.configuration(train.read(RUN[1:])))
+
+    monkeypatch.setattr(start, "build", note)
+    monkeypatch.setattr(start, "build_student", note)
+    command = [*RUN, "--method", "distill", "--distill.teacher-ratio", "2", "--distill.minibatch", "16", "--out", "run"]
+    assert main(command) == 0
+    (teacher, *_), (student, place) = built
+    assert str(place) == "run/teacher" and start.finished(place, teacher)
+    assert teacher.policy == "privileged" and teacher.ppo.total_steps == 2 * 192
+    assert student.policy == "state-only" and student.method == "distill" and student.network.critic == "privileged"
+    assert main(command) == 0 and len(built) == 2
+    assert "is finished" in capsys.readouterr().out
+    assert main([*command[:-2], "--seeds", "0-1"]) == 2
+
+
 def test_the_preset_gives_the_defaults_and_options_override_it():
     paper = train.configuration(train.read(["--preset", "paper", "--ppo.clip", "0.3", "--task", "wide", "--seed", "4"]))
     assert (paper.ppo.learning_rate, paper.ppo.epochs, paper.ppo.clip) == (1e-4, 3, 0.3)
