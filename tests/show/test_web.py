@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes.util
-import shutil
 import socket
 import subprocess
 import sys
@@ -16,8 +14,8 @@ import pytest
 
 from loco_mjx.show.rollout import Agent
 from loco_mjx.show.web import Viewer
+from tests import optional
 
-CHROMIUM = shutil.which("chromium")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 FLAGS += ["--disable-component-update", "--disable-sync"]
 PATIENCE = 120.0  # s, beyond which something hangs
@@ -48,12 +46,11 @@ def viewer():
 
 @pytest.fixture
 def page(viewer, tmp_path):
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine: apt-get install chromium")
+    chromium = optional.chromium()
     api = pytest.importorskip("playwright.sync_api")
     with api.sync_playwright() as playwright:
         browser = playwright.chromium.launch_persistent_context(
-            tmp_path, executable_path=CHROMIUM, headless=True, args=FLAGS
+            tmp_path, executable_path=chromium, headless=True, args=FLAGS
         )
         page = browser.pages[0]
         page.set_default_timeout(1000 * PATIENCE)
@@ -103,15 +100,14 @@ def test_a_taken_port_is_one_line(viewer):
         Viewer(Agent("zero"), "thin", 0, port=viewer.port)
 
 
-@pytest.mark.skipif(not ctypes.util.find_library("EGL"), reason="no EGL: apt-get install libegl1 libgl1-mesa-dri")
+@optional.needs_opengl
 def test_a_video_and_a_figure_from_end_to_end(tmp_path):
     """In a process of its own, for MuJoCo picks its OpenGL when it is imported."""
     film, figure = tmp_path / "a.gif", tmp_path / "a.png"
     words = ["--zero", "--seconds", "0.4", "--width", "160", "--columns", "2"]
     command = [sys.executable, "-m", "loco_mjx.cli.main", "play", *words, "--video", str(film), "--figure", str(figure)]
     done = subprocess.run(command, capture_output=True, text=True)
-    if "needs OpenGL" in done.stderr:
-        pytest.skip("EGL is here, but no device that it can use")
+    optional.skip_without_driver(done.stderr)
     assert done.returncode == 0, done.stderr
     frames = imageio.imread(film)
     assert frames.shape[:3] == (10, 90, 160)  # seconds × 25, 16:9
