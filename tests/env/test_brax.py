@@ -7,11 +7,12 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 from brax import envs
+from brax.training import acting
 from brax.training.agents.ppo import networks as ppo_networks
 from brax.training.agents.ppo import networks_vision
 from brax.training.agents.ppo import train as ppo
 
-from loco_mjx import make_env, wrap_for_brax
+from loco_mjx import a1, make_env, wrap_for_brax
 from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
@@ -21,8 +22,6 @@ N, LENGTH, POOL = 2, 3, 4  # environments, control steps of an episode, scenes
 BLIND = EnvConfig(observation=ObservationConfig(depth=DepthConfig(enabled=False)))
 SEEING = EnvConfig(observation=ObservationConfig(depth=DepthConfig(height=8, width=8)))
 PUSH = jp.tile(jp.linspace(-1.0, 1.0, 12), (N, 1))
-TERMS = [f"eval/episode_reward/{name}" for name in ("forward", "energy", "alive", "sphere", "vertical_speed")]
-TERMS += ["eval/episode_reward/collision", "eval/episode_reward/action_rate"]
 LYING = jp.array([0.5, 0.866, 0.0, 0.0])  # quaternion of a robot on its side
 
 
@@ -38,11 +37,24 @@ def wrapped(blind):
     return jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(1), N)), jax.jit(env.step)
 
 
-@pytest.fixture(scope="session")
-def theirs(blind):
-    """The same in Brax's own wrappers: Vmap, Episode, AutoReset, Eval."""
-    env = envs.training.EvalWrapper(envs.training.wrap(blind, episode_length=LENGTH))
-    return jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(1), N)), jax.jit(env.step)
+class Recorded(envs.Wrapper):
+    """Keeps what learners take from every step: (steps, truncation, done, observed state, progress)."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.log = []
+
+    def step(self, state, action):
+        after = self.env.step(state, action)
+        seen = (
+            after.info["steps"],
+            after.info["truncation"],
+            after.done,
+            after.obs["state"],
+            after.metrics["progress"],
+        )
+        jax.debug.callback(lambda *row: self.log.append([np.array(part) for part in row]), *seen, ordered=True)
+        return after
 
 
 def _run(first, step, count, action=PUSH):
@@ -56,6 +68,14 @@ def _info(states, name):
     return np.array([state.info[name] for state in states[1:]])
 
 
+def _begun(state):
+    """Checks that of three frames of an observed state (N, 93) one is new and two are the standing robot's."""
+    for first, size, standing in ((0, 3, 0.0), (9, 4, 0.0), (21, 12, 0.0), (57, 12, np.array(a1.DEFAULT_POSE))):
+        assert (np.abs(state[:, first : first + size] - standing).max(axis=1) > 0).all()
+        past = np.array(state[:, first + size : first + 3 * size]).reshape(N, 2, size)
+        np.testing.assert_allclose(past, np.broadcast_to(standing, past.shape), atol=1e-6)
+
+
 def _lay(state, i):
     world = state.pipeline_state
     qpos = world.physics.qpos.at[i, 3:7].set(LYING)
@@ -66,18 +86,20 @@ def test_the_state_has_the_fields_of_braxs():
     assert list(State.__dataclass_fields__) == list(envs.State.__dataclass_fields__)
 
 
-def test_braxs_own_wrappers_count_evaluate_and_reset(theirs):
-    states = _run(*theirs, 2 * LENGTH)
-    np.testing.assert_array_equal(_info(states, "steps").T, N * [[1, 2, 3, 1, 2, 3]])
-    np.testing.assert_array_equal(_info(states, "truncation").T, N * [[0, 0, 1, 0, 0, 1]])
-    np.testing.assert_array_equal(np.array([s.done for s in states[1:]]).T, N * [[0, 0, 1, 0, 0, 1]])
-    again = [state.obs["state"] for state in states[LENGTH:]]  # the first episode's, if nothing of it was left
-    for before, after in zip(states, again, strict=False):
-        np.testing.assert_array_equal(before.obs["state"], after)
-    evaluated = states[-1].info["eval_metrics"]
-    np.testing.assert_array_equal(evaluated.episode_steps, LENGTH)
-    total = sum(np.array(state.metrics["progress"]) for state in states[1 : LENGTH + 1])
-    np.testing.assert_allclose(evaluated.episode_metrics["progress"], total, rtol=1e-5)
+def test_braxs_own_wrappers_and_evaluator_count_sum_and_reset(blind):
+    env = Recorded(envs.training.wrap(blind, episode_length=LENGTH))
+    policy = lambda _: lambda obs, key: (PUSH, {})  # noqa: E731
+    evaluator = acting.Evaluator(env, policy, N, 2 * LENGTH, 1, jax.random.PRNGKey(1))
+    metrics = evaluator.run_evaluation(None, {})
+    jax.effects_barrier()
+    steps, truncation, done, state, progress = (np.array(part) for part in zip(*env.log, strict=True))
+    np.testing.assert_array_equal(steps.T, N * [[1, 2, 3, 1, 2, 3]])
+    np.testing.assert_array_equal(truncation.T, N * [[0, 0, 1, 0, 0, 1]])
+    np.testing.assert_array_equal(done.T, N * [[0, 0, 1, 0, 0, 1]])
+    np.testing.assert_array_equal(state[LENGTH:], state[:LENGTH])  # the first episode's: nothing of it was left
+    _begun(state[LENGTH])
+    assert metrics["eval/avg_episode_length"] == LENGTH
+    assert metrics["eval/episode_progress"] == pytest.approx(progress[:LENGTH].sum(0).mean(), rel=1e-4)
 
 
 def test_an_episode_lasts_as_long_as_was_asked_for_and_ends_in_a_truncation(wrapped):
@@ -94,7 +116,7 @@ def test_an_episode_lasts_as_long_as_was_asked_for_and_ends_in_a_truncation(wrap
         np.testing.assert_array_equal(sums["length"], LENGTH)
 
 
-def test_a_new_episode_begins_afresh_in_a_scene_of_the_pool(wrapped, theirs):
+def test_a_new_episode_begins_afresh_in_a_scene_of_the_pool(wrapped):
     first, step = wrapped
     pool = np.array(first.info["scenes"].boxes.center).reshape(POOL, -1, 3)
     states = _run(first, step, 12 * LENGTH)
@@ -109,10 +131,7 @@ def test_a_new_episode_begins_afresh_in_a_scene_of_the_pool(wrapped, theirs):
     assert seen == set(range(POOL))
     places = np.array([state.pipeline_state.physics.qpos[:, :2] for state in states[::LENGTH]])
     assert len(np.unique(places.reshape(-1, 2), axis=0)) == 13 * N  # and starts somewhere else
-    # Nothing but the World is of the old episode: Brax's wrappers make the same of it.
-    begun, (other, their_step) = states[LENGTH], theirs
-    beside = their_step(other.replace(pipeline_state=begun.pipeline_state), PUSH)
-    np.testing.assert_allclose(states[LENGTH + 1].obs["state"], beside.obs["state"], atol=1e-6)
+    _begun(states[LENGTH + 1].obs["state"])
 
 
 def test_a_fall_is_no_truncation_at_the_time_limit_either_and_resets_nobody_else(wrapped):
@@ -163,10 +182,10 @@ def device_put_replicated():
 
 @pytest.fixture(scope="session")
 def train(device_put_replicated):
-    """Two iterations of Brax's PPO, its networks tiny: (parameters before and after, reports, what it returns)."""
+    """Two iterations of Brax's PPO, its networks tiny: (parameters before and after, what it returns)."""
 
-    def run(env, network, **more):
-        saved, reports = [], []
+    def run(env, network):
+        saved = []
         returned = ppo.train(
             env,
             num_timesteps=32,
@@ -181,10 +200,9 @@ def train(device_put_replicated):
             normalize_observations=True,
             network_factory=partial(network, policy_hidden_layer_sizes=(8,), value_hidden_layer_sizes=(8,)),
             policy_params_fn=lambda step, act, params: saved.append((step, params)),
-            progress_fn=lambda step, found: reports.append(found),
-            **more,
+            run_evals=False,
         )
-        return saved, reports, returned
+        return saved, returned
 
     return run
 
@@ -198,16 +216,10 @@ def _learnt(saved, metrics):
     assert np.isfinite(metrics["training/total_loss"])
 
 
-def test_braxs_ppo_trains_a_blind_policy_and_evaluates_it(blind, train):
+def test_braxs_ppo_trains_a_blind_policy(blind, train):
     network = partial(ppo_networks.make_ppo_networks, policy_obs_key="state", value_obs_key="state")
-    saved, reports, (make_policy, params, metrics) = train(blind, network, num_evals=2)
+    saved, (make_policy, params, metrics) = train(blind, network)
     _learnt(saved, metrics)
-    assert len(reports) == 2  # before and after
-    for found in reports:
-        assert found["eval/avg_episode_length"] == LENGTH
-        assert found["eval/episode_nonfinite"] == 0 and np.isfinite(found["eval/episode_progress"])
-        terms = sum(value for name, value in found.items() if name in TERMS)
-        assert found["eval/episode_reward"] == pytest.approx(terms, rel=1e-4)
     action, _ = make_policy(params)({"state": jp.zeros((N, 93))}, jax.random.PRNGKey(0))
     assert action.shape == (N, 12)
 
@@ -221,8 +233,7 @@ def test_braxs_ppo_trains_a_policy_that_sees(train):
         policy_obs_key="state",
         value_obs_key="state",
     )
-    saved, _, (make_policy, params, metrics) = train(make_env("thin", config=SEEING), network, run_evals=False)
-    assert len(saved) == 2
+    saved, (make_policy, params, metrics) = train(make_env("thin", config=SEEING), network)
     _learnt(saved, metrics)
     obs = {"state": jp.zeros((N, 93)), "pixels/depth": jp.zeros((N, 8, 8, 4))}
     action, _ = make_policy(params)(obs, jax.random.PRNGKey(0))
