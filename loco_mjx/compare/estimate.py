@@ -107,7 +107,9 @@ def _episodes(cell: Cell, episodes: int, pace: Pace) -> float:
 def overview(cells: Sequence[Cell], finished: Sequence[Cell]) -> Table:
     """What will run, and how long; one line per task and policy."""
     known = paces(cells)
-    table = Table(title=_title(cells, finished, known), title_justify="left", caption=_caption(cells))
+    table = Table(
+        title=_title(cells, finished, known), title_justify="left", caption=_caption(cells), caption_justify="left"
+    )
     table.add_column("task", no_wrap=True)
     table.add_column("policy", overflow="fold")
     table.add_column("seeds", overflow="fold", justify="right")

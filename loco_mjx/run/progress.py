@@ -69,10 +69,10 @@ class Reporter:
         else:
             old = samples_per_second if self._rate is None else self._rate
             self._rate = (1 - _SMOOTH) * old + _SMOOTH * samples_per_second
-            if left is None:
-                left = (self._total - done) * (now - self._first[1]) / max(done - self._first[0], 1)
+        if left is None:
+            left = self._seconds_left(done, now - self._first[1])
         self._figures |= metrics
-        text = self._text(0.0 if done >= self._total else left)
+        text = self._text(left)
         if self._progress is not None:
             self._progress.update(self._task, completed=done, description=text)
         elif now - self._last_line >= LINE_SECONDS or done >= self._total:
@@ -93,6 +93,13 @@ class Reporter:
 
     def _plain(self, text: str) -> None:
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def _seconds_left(self, done: int, seconds: float) -> float | None:
+        """What is left, from the seconds since the first iteration; None after that one."""
+        since = done - self._first[0] if self._first else 0
+        if done >= self._total:
+            return 0.0
+        return (self._total - done) * seconds / since if since else None
 
     def _text(self, left: float | None) -> str:
         parts = [] if self._rate is None else [f"{self._rate:,.0f} samples/s"]

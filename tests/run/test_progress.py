@@ -41,7 +41,8 @@ def test_whoever_knows_better_says_how_long_it_takes():
     page = io.StringIO()
     reporter = Reporter(Console(file=page, width=200), 300, 0, clock=lambda: 0.0)
     reporter.update(100, 10.0, {}, left=50.0)
-    assert page.getvalue() == "100/300 samples  50 s left\n"
+    reporter.update(300, 10.0, {}, left=20.0)  # all is trained, but not all is done
+    assert page.getvalue() == "100/300 samples  50 s left\n300/300 samples  10 samples/s  20 s left\n"
 
 
 def test_a_terminal_is_told_the_same():
