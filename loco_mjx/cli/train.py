@@ -27,7 +27,7 @@ PRESET = "fast"
 # Samples per second and core on a CPU, with and without depth, as measured on two cores; for the default budget only.
 CPU_RATE = {True: 400.0, False: 4000.0}
 CPU_MINUTES = 20
-KEYS = ("env", "network", "ppo")  # of the configuration; every key in them is an option
+KEYS = ("env", "network", "ppo", "distill")  # of the configuration; every key in them is an option
 SHORT_FORMS = {"task": "env.task", "num_envs": "ppo.num_envs", "total_steps": "ppo.total_steps"}
 
 

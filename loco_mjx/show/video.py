@@ -19,6 +19,7 @@ from loco_mjx.show.rollout import Moment, Rollout
 from loco_mjx.show.stage import Follower, Stage
 
 RATE = round(1 / a1.CONTROL_DT)  # control steps per second
+ATTENTION = "attention"  # the row of a figure that has a scale
 VIDEOS, FIGURES = (".mp4", ".gif"), (".png", ".svg")
 # One palette for the whole film, and no dither: what stands still costs nothing.
 GIF = ["-filter_complex", "split[a][b];[a]palettegen=max_colors=96[p];[b][p]paletteuse=dither=none:diff_mode=rectangle"]
@@ -31,7 +32,7 @@ class Painter:
     def __init__(self, rows: int, columns: int, depth: DepthConfig, what: str) -> None:
         """Size of the view, the camera's configuration, and the option that asked, for complaints."""
         self.rows, self.columns, self.depth, self.what = rows, columns, depth, what
-        self._follower, self._episode = Follower(), -1
+        self._follower, self._episode = Follower(ratio=columns / rows), -1
         self._open = contextlib.ExitStack()
 
     def __enter__(self) -> Painter:
@@ -63,7 +64,11 @@ class Painter:
     def frame(self, moment: Moment, attention: bool) -> np.ndarray:
         """The view with the depth image as its inset."""
         view, eye = self.view(moment), self.eye(moment, attention)
-        return view if eye is None else drawing.with_inset(view, eye, drawing.aspect(self.depth))
+        if eye is None:
+            return view
+        shown = drawing.with_inset(view, eye, drawing.aspect(self.depth))
+        scaled = attention and moment.attention is not None
+        return drawing.with_scale(shown, drawing.aspect(self.depth)) if scaled else shown
 
 
 def moments(rollout: Rollout, seed: int, count: int) -> Iterator[Moment]:
@@ -145,6 +150,17 @@ def _complaint(log: IO[bytes]) -> str:
     return next((line.strip() for line in lines if line.strip()), "")
 
 
+def _add_scale(figure: Any, axes: Any) -> None:
+    """The bar of attention's colours at the end of a row."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+
+    colours = ListedColormap(drawing.attended(np.linspace(1.0, drawing.TOP, 256), np.full(3, 0.5)))
+    bar = figure.colorbar(ScalarMappable(Normalize(1.0, drawing.TOP), colours), ax=axes, extend="both")
+    bar.set_label(drawing.LABEL, fontsize=8)
+    bar.ax.tick_params(labelsize=7)
+
+
 def strip(rows: list[tuple[str, list[np.ndarray]]], times: list[float], ratio: float, path: Path) -> None:
     """Writes a figure: a column per moment, a row per kind of picture.
 
@@ -167,6 +183,8 @@ def strip(rows: list[tuple[str, list[np.ndarray]]], times: list[float], ratio: f
             if place == 0:
                 axis.set_title(f"{time:.1f} s", fontsize=9)
         axes[place][0].set_ylabel(name, fontsize=9)
+        if name == ATTENTION:
+            _add_scale(figure, axes[place])
     try:
         figure.savefig(path, dpi=110)
     except OSError as error:
