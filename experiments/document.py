@@ -24,7 +24,8 @@ episodes of 1,000 control steps in scenes it has not seen. Distances in m, speed
 first 16 s are what 1,000 steps of the authors' code last; a dash: evaluated before there was such a figure. "At the
 start" is the same policy after its first iteration: acting by its mean it stands still, exploring it falls over.
 "Exploring" is the policy as it acts in training, drawing from its Gaussian; the mean of the last {tail} iterations.
-The runs shared the machine with other work: their times are upper bounds.
+The runs shared the machine with other work: their times are upper bounds. No run on a GPU has been measured.
+`make paper` uses another preset, `paper`, and 15 million samples a run: no such run is published here.
 
 ![Distance and episode length over samples](learning.png)
 """
