@@ -141,15 +141,15 @@ def _physics_step(
     constraints = stage(
         lambda: contact.constraints(model, robot, qpos, qvel, touched, dynamics.friction, dynamics.mass)
     )
+    force = jp.concatenate([-bias[:6], torque - bias[6:]])
     acceleration = arrow.join(
         solver.solve(
             stage,
-            stage(arrow.from_dense, inertia),
-            arrow.split(jp.concatenate([-bias[:6], torque - bias[6:]])),
-            constraints,
+            solver.Problem(stage(arrow.from_dense, inertia), arrow.split(force), constraints),
             arrow.split(state.warmstart),
             model.config.iterations,
             model.config.ls_iterations,
+            model.config.more_iterations,
         )
     )
     qvel = qvel + np.float32(a1.PHYSICS_DT) * acceleration

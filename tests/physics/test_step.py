@@ -211,7 +211,7 @@ def test_seeds_of_environments_are_one_larger_batch():
 
     def step(state, scene):
         targets, dynamics = jp.asarray(still(1)[0]), nominal_dynamics()
-        return control_step(physics((1, 1)), state, scene, targets, dynamics)
+        return control_step(physics((1, 1, 1)), state, scene, targets, dynamics)
 
     one = (initial_state(standing()), scene())
     nested = jax.tree.map(lambda x: jp.broadcast_to(x, (5, 7, *jp.shape(x))), one)
