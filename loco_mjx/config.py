@@ -90,7 +90,7 @@ class PhysicsConfig:
     iterations: int = 2  # Newton iterations per physics step
     ls_iterations: int = 8  # line-search iterations per Newton iteration
     more_iterations: int = 4  # further ones of those environments that have not converged
-    near_boxes: int = 6  # boxes nearest the robot that may touch it within one control step
+    near_boxes: int = 16  # boxes nearest the robot's spheres that may touch it within one control step
     near_cylinders: int = 3
     friction: float = 1.0  # lateral, of the robot against everything
 

@@ -234,7 +234,7 @@ class LocoEnv:
             pipeline_state=world,
             reward=sum(terms.values()),
             done=(ended | truncated).astype(jp.float32),
-            metrics=self._metrics(state, world, facts, terms, finite),
+            metrics=self._metrics(state, world, outcome, facts, terms, finite),
             info=info,
         )
 
@@ -242,6 +242,7 @@ class LocoEnv:
         self,
         state: State,
         world: World,
+        outcome: Outcome,
         facts: reward.StepFacts,
         terms: dict[str, jax.Array],
         finite: jax.Array,
@@ -258,12 +259,13 @@ class LocoEnv:
             "speed": facts.forward / a1.CONTROL_DT,
             "collisions": contact * passed,
             "contacts": contact,
+            "contacts/dropped": outcome.dropped.astype(jp.float32),
             "spheres": facts.spheres,
             "nonfinite": 1.0 - finite.astype(jp.float32),
         } | {f"reward/{name}": value for name, value in terms.items()}
 
     def _metrics_template(self) -> dict[str, jax.Array]:
-        names = ["distance", "progress", "speed", "collisions", "contacts", "spheres", "nonfinite"]
+        names = ["distance", "progress", "speed", "collisions", "contacts", "contacts/dropped", "spheres", "nonfinite"]
         terms = ["forward", "energy", "alive", "sphere", "vertical_speed", "collision", "action_rate"]
         return {name: jp.zeros(()) for name in names + [f"reward/{term}" for term in terms]}
 

@@ -18,7 +18,7 @@ from loco_mjx.physics.step import Dynamics, Outcome, PhysicsState, control_step,
 from loco_mjx.scene.types import STEP, Boxes, Cylinders, Scene, Spheres, Terrain
 
 BATCH = 4  # environments in every rollout, so that the tests share one compiled program
-BOXES, TREES = 3, 1  # likewise
+BOXES, TREES = 9, 1  # likewise
 AWAY = (500.0, 500.0, 0.0)
 # Solver and line-search iterations, and more for who needs them: what users get; always enough.
 Iterations = tuple[int, int, int]
