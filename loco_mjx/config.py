@@ -88,9 +88,10 @@ class TerminationConfig:
 class PhysicsConfig:
     """The MJX solver and the contact slots."""
 
-    iterations: int = 4  # Newton iterations per physics step
+    iterations: int = 2  # Newton iterations per physics step
     ls_iterations: int = 8  # line-search iterations per Newton iteration
-    near_boxes: int = 6  # boxes nearest the robot that may touch it within one control step
+    more_iterations: int = 4  # further ones of those environments that have not converged
+    near_boxes: int = 16  # boxes nearest the robot's spheres that may touch it within one control step
     near_cylinders: int = 3
     friction: float = 1.0  # lateral, of the robot against everything
 

@@ -190,6 +190,7 @@ class LocoEnv:
             torque_squared=outcome.torque_squared,
             spheres=spheres.astype(jp.float32),
             contact=outcome.obstacle_contact.astype(bool),
+            dropped=outcome.dropped.astype(jp.float32),
             action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), 4)) ** 2),
             up=1 - 2 * (x * x + y * y),
             height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
@@ -244,6 +245,7 @@ class LocoEnv:
             "speed": facts.forward / a1.CONTROL_DT,
             "collisions": contact * passed,
             "contacts": contact,
+            "contacts/dropped": facts.dropped,
             "spheres": facts.spheres,
             "nonfinite": 1.0 - finite.astype(jp.float32),
         } | {f"reward/{name}": value for name, value in terms.items()}

@@ -17,8 +17,8 @@ from loco_mjx.physics import arrow
 from loco_mjx.physics.arrow import BASE, JOINTS, LEGS, Motion
 from loco_mjx.physics.kinematics import RADII, Pose, Vector, column, trunk_centers
 from loco_mjx.physics.model import PhysicsModel, Softness
+from loco_mjx.physics.rows import Constraints
 from loco_mjx.physics.slots import Planes, Slots
-from loco_mjx.physics.solver import Constraints
 from loco_mjx.physics.stage import add_up
 
 
@@ -116,7 +116,7 @@ def _leg_rows(robot: Pose, slots: Slots) -> _LegRows:
 def _legs(
     model: PhysicsModel, robot: Pose, velocity: Motion, legs: _LegRows, friction: jax.Array, mass: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Jacobian, reference and weight of the legs' contacts; see solver.Constraints."""
+    """Jacobian, reference and weight of the legs' contacts; see rows.Constraints."""
     slots = legs.distance.shape[0] // 2
     # A hip's sphere moves with the hip joint only.
     beyond_hip = (np.arange(4 * slots + 1) != 3 * slots).astype(np.float32).reshape(-1, 1, 1)

@@ -96,6 +96,8 @@ def build(config: PhysicsConfig, obstacle_slots: int = 1) -> PhysicsModel:
     for name in ("iterations", "ls_iterations"):
         if getattr(config, name) < 1:
             raise UserError(f"physics.{name} is {getattr(config, name)}; accepted: 1 or more")
+    if config.more_iterations < 0:
+        raise UserError(f"physics.more_iterations is {config.more_iterations}; accepted: 0 or more")
     if obstacle_slots < 1:
         raise UserError(f"obstacle_slots is {obstacle_slots}; accepted: 1 or more")
     spec = mujoco.MjSpec.from_file(str(a1_xml_path()))

@@ -174,7 +174,8 @@ class CSide:
         trace = [jp.repeat(x[:, None], a1.SUBSTEPS + 1, axis=1) for x in (qpos[:, 7:], qpos[:, 3:7], qvel[:, 3:6])]
         squared = jp.asarray([robot.torque_squared / a1.SUBSTEPS for robot in self.robots], jp.float32)
         contact = jp.asarray([robot.contact for robot in self.robots])
-        return PhysicsState(qpos, qvel, jp.zeros_like(qvel)), Outcome(squared, contact, *trace)
+        dropped = jp.zeros(len(self.robots), jp.int32)  # C feels everything
+        return PhysicsState(qpos, qvel, jp.zeros_like(qvel)), Outcome(squared, contact, dropped, *trace)
 
 
 def one(tree: Any, i: int | np.integer) -> Any:

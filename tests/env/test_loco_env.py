@@ -11,6 +11,7 @@ from loco_mjx import a1, make_env
 from loco_mjx.config import ActionConfig, DepthConfig, EnvConfig, ObservationConfig, RandomizationConfig
 from loco_mjx.env import autoreset
 from loco_mjx.errors import UnknownNameError
+from loco_mjx.physics.step import Outcome
 
 HORIZON = 6
 BLIND = ObservationConfig(depth=DepthConfig(enabled=False))
@@ -190,3 +191,13 @@ def test_depth_noise_follows_randomization_unless_told():
 def test_an_unknown_task_is_named():
     with pytest.raises(UnknownNameError, match=r"unknown task 'thn' .did you mean 'thin'"):
         make_env("thn")
+
+
+def test_what_physics_could_not_feel_is_a_metric(other):
+    env, reset, _ = other
+    state = jax.tree.map(lambda x: x[0], reset(jax.random.PRNGKey(0)))
+    world, zero = state.pipeline_state, jp.zeros(())
+    trace = [jp.tile(x, (17, 1)) for x in (world.physics.qpos[7:], world.physics.qpos[3:7], world.physics.qvel[3:6])]
+    outcome = Outcome(zero, zero > 0, jp.int32(3), *trace)
+    after = jax.jit(env.conclude)(state, world.scene, world.physics, outcome, jp.zeros(12))
+    assert after.metrics["contacts/dropped"] == 3.0 and set(after.metrics) == set(state.metrics)

@@ -38,7 +38,7 @@ def _ours(scene, qpos: np.ndarray, obstacle_slots: int) -> tuple[np.ndarray, np.
     """(POSES, 18) each sphere's smallest distance to what its slots hold; (POSES,) whether obstacles are touched."""
 
     def run(qpos):
-        near = jax.vmap(lambda q: slots.near(scene.replace(terrain=None), q[:3], PhysicsConfig()))(qpos)
+        near = jax.vmap(lambda q: slots.near(scene.replace(terrain=None), q, PhysicsConfig()))(qpos)
         near = jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), near)
         spread = lambda x: jp.broadcast_to(x, (POSES, *x.shape))  # noqa: E731
         near = near.replace(terrain=jax.tree.map(spread, scene.terrain))

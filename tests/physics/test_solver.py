@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from loco_mjx.physics import arrow, solver
-from loco_mjx.physics.solver import Constraints
+from loco_mjx.physics.rows import Constraints
 from loco_mjx.physics.stage import Stage
 
 N, SLOTS, TRUNK = 3, 2, 6
@@ -94,17 +94,16 @@ def problem():
     return dense, force, start, _constraints(rng)
 
 
-def _solve(problem, iterations: int, ls_iterations: int) -> np.ndarray:
+def _solve(problem, iterations: int, ls_iterations: int, more: int = 0) -> np.ndarray:
     dense, force, start, constraints = problem
     single = lambda x: jp.asarray(x, jp.float32)  # noqa: E731
     out = solver.solve(
         Stage(),
-        arrow.from_dense(single(dense)),
-        arrow.split(single(force)),
-        constraints,
+        solver.Problem(arrow.from_dense(single(dense)), arrow.split(single(force)), constraints),
         arrow.split(single(start)),
         iterations,
         ls_iterations,
+        more,
     )
     return np.asarray(arrow.join(out), np.float64)
 
@@ -159,6 +158,19 @@ def test_converged_solution_has_no_gradient(problem):
         at_end = _cost_and_gradient(dense[:, :, n], force[:, n], rows, ours[:, n])
         assert at_end[0] < at_start[0]
         assert np.abs(at_end[1]).max() < 1e-4 * np.abs(at_start[1]).max()
+
+
+def test_who_needs_more_iterations_gets_them_and_no_other_notices(problem):
+    _, force, start, _ = problem
+    converged = _solve(problem, 40, 20)
+    start[:, 1] = converged[:, 1]  # one of them is there already
+    np.testing.assert_allclose(_solve(problem, 1, 20, 40), converged, atol=2e-3)
+    one = _solve(problem, 1, 20)
+    assert np.abs(one - converged).max() > 0.1  # the others are not, after one
+    force[:, 0] = np.nan
+    broken = _solve(problem, 1, 20, 40)
+    assert np.isnan(broken[:, 0]).all()
+    np.testing.assert_allclose(broken[:, 1:], converged[:, 1:], atol=2e-3)
 
 
 def test_every_iteration_lowers_the_cost(problem):
