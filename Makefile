@@ -15,7 +15,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help setup train sweep paper test lint bench clean
+.PHONY: help setup train sweep paper test lint bench versions clean
 
 help:  ## Lists the targets.
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -49,6 +49,9 @@ bench: $(STAMP)  ## Measures depth, physics, environment and training speed on E
 	$(BIN)/loco-mjx bench physics --task $(ENV) $(ARGS)
 	$(BIN)/loco-mjx bench env --task $(ENV) $(ARGS)
 	$(BIN)/loco-mjx bench train --task $(ENV) --policy $(POLICY) $(ARGS)
+
+versions: $(STAMP)  ## Tries the oldest and the newest versions of Python and JAX, and writes docs/versions.md; takes an hour.
+	$(BIN)/python -m experiments.versions $(ARGS)
 
 clean:  ## Removes .venv and caches; leaves runs/ alone.
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache build dist *.egg-info

@@ -39,13 +39,13 @@ def spread(part: Callable, mesh: Mesh, in_specs: Any, out_specs: Any) -> Callabl
         leaves, tree = jax.tree.flatten(args)
         specs = jax.tree.leaves(jax.tree.broadcast(in_specs, args))
         # JAX 0.11's partitioner (Shardy) crashes on an argument without elements, such as the spheres of a scene that
-        # has none: they are made anew on the device.
+        # has none, or MJX's list of a robot's ball joints: they are made anew on the device.
         passed = [i for i, leaf in enumerate(leaves) if leaf.size]
 
         def on_device(*shares: jax.Array) -> Any:
             given = dict(zip(passed, shares, strict=True))
             made = [given[i] if i in given else _empty(leaf, specs[i], mesh) for i, leaf in enumerate(leaves)]
-            return part(*jax.tree.unflatten(tree, made))
+            return _with_own_empties(part, jax.tree.unflatten(tree, made))
 
         # check_vma: the physics' branches hold values that are the same on all devices, which JAX cannot tell.
         run = jax.shard_map(
@@ -54,6 +54,14 @@ def spread(part: Callable, mesh: Mesh, in_specs: Any, out_specs: Any) -> Callabl
         return run(*(leaves[i] for i in passed))
 
     return call
+
+
+def _with_own_empties(part: Callable, args: Sequence[Any]) -> Any:
+    """Calls a part, whose constants become arguments of its device's program: those without elements are made there."""
+    program, shapes = jax.make_jaxpr(part, return_shape=True)(*args)
+    constants = [jp.zeros(c.shape, c.dtype) if jp.size(c) == 0 else c for c in program.consts]
+    results = jax.core.eval_jaxpr(program.jaxpr, constants, *jax.tree.leaves(args))
+    return jax.tree.unflatten(jax.tree.structure(shapes), results)
 
 
 def _empty(leaf: jax.Array, spec: P, mesh: Mesh) -> jax.Array:

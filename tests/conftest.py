@@ -17,6 +17,7 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 # Files whose tests take longest start first, so that no worker is left alone with one at the end.
 _LONG = ("test_web.py", "test_simcheck.py", "test_learning.py", "test_loco_env.py", "test_ray.py", "test_hosts.py")
 _LONG += ("test_depth_c_mujoco.py", "test_physics_c_mujoco.py", "test_train.py", "test_seeds.py")
+_LONG += ("test_brax.py",)
 
 
 # Where arithmetic is tested, programs are compiled as users' are; elsewhere without optimisation, in half the time.

@@ -22,6 +22,20 @@ def test_arguments_without_elements_arrive_as_each_device_s_share():
     assert empty.shape == (4, 0, 3)
 
 
+def test_no_argument_of_a_device_s_program_is_without_elements_constants_of_loops_included():
+    nothing = np.zeros((1, 0), np.int32)
+
+    def part(x, empty):
+        grown = jax.lax.while_loop(lambda y: y.sum() < 20, lambda y: y + 1 + jp.take(y, nothing, axis=1).sum(), x)
+        return grown + empty.sum()
+
+    run = spread(part, make_mesh(), P(AXIS), P(AXIS))
+    args = jp.ones((4, 2)), jp.zeros((4, 0))
+    (call,) = [eqn for eqn in jax.make_jaxpr(run)(*args).eqns if eqn.primitive.name == "shard_map"]
+    assert [var.aval.shape for var in call.invars] == [(4, 2)]  # others crash JAX 0.11.2's compiler on the CPU
+    np.testing.assert_array_equal(jax.jit(run)(*args), np.full((4, 2), 5.0))
+
+
 @pytest.mark.parametrize("size", [1, 3, 4])
 def test_the_devices_chosen_divide_the_size_and_no_more_would(size):
     count = len(dividing(size))

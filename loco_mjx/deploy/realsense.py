@@ -90,13 +90,10 @@ class RealSense:
             sensors: of pyrealsense2, to look for the stream in; None: all that the computer has.
 
         Raises:
-            UserError: without pyrealsense2, or if the camera does not see what the policy needs.
+            UserError: without pyrealsense2 or its libusb, or if the camera does not see what the policy needs.
             RobotError: if there is no camera, or no frame comes.
         """
-        try:
-            import pyrealsense2 as rs
-        except ModuleNotFoundError:
-            raise UserError("the depth camera needs pyrealsense2: pip install 'loco-mjx[a1]'") from None
+        rs = _library()
         self._rs, self._now = rs, now
         self._newest: Frame | None = None
         self._error: str | None = None
@@ -173,3 +170,20 @@ class RealSense:
         if frame.get_frame_timestamp_domain() not in (domain.system_time, domain.global_time):
             return 0.0
         return max(0.0, time.time() - 0.001 * frame.get_timestamp())
+
+
+def _library() -> Any:
+    """The module pyrealsense2.
+
+    Raises:
+        UserError: if it is not installed, or cannot be loaded.
+    """
+    try:
+        import pyrealsense2
+    except ModuleNotFoundError:
+        raise UserError("the depth camera needs pyrealsense2: pip install 'loco-mjx[a1]'") from None
+    except ImportError as error:  # the wheel does not bring the system's libraries that it loads
+        if "libusb" in str(error):
+            raise UserError("the depth camera needs libusb: apt-get install libusb-1.0-0") from None
+        raise UserError(f"the depth camera needs pyrealsense2, which cannot be loaded: {error}") from None
+    return pyrealsense2

@@ -11,7 +11,8 @@ from typing import Any, Protocol
 
 import jax
 import jax.numpy as jp
-from brax.envs.base import State
+
+from loco_mjx.env.state import State
 
 from loco_mjx.env.renewal import renew
 

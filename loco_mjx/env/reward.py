@@ -38,6 +38,21 @@ class StepFacts:
     height: jax.Array
 
 
+def nothing() -> StepFacts:
+    """The facts of a step in which nothing happens to a robot that lies flat."""
+    zero, no = jp.zeros(()), jp.zeros((), bool)
+    return StepFacts(
+        displacement=jp.zeros(3),
+        forward=zero,
+        torque_squared=zero,
+        spheres=zero,
+        contact=no,
+        action_change=zero,
+        up=zero,
+        height=zero,
+    )
+
+
 def forward_displacement(before: jax.Array, after: jax.Array, goal: jax.Array, toward_goal: bool) -> jax.Array:
     """Metres gained in a step: along +x, or in 3-D distance to the goal.
 

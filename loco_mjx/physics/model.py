@@ -7,11 +7,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from mujoco import mjx
 
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.errors import UserError
 from loco_mjx.physics.kinematics import SPHERES
+from loco_mjx.physics.mjx import mjx
 
 
 def a1_xml_path() -> Path:

@@ -11,10 +11,10 @@ import jax
 import jax.numpy as jp
 import numpy as np
 from flax import struct
-from mujoco import mjx
 
 from loco_mjx import a1
 from loco_mjx.physics import arrow, contact, kinematics, slots, solver
+from loco_mjx.physics.mjx import mjx
 from loco_mjx.physics.model import PhysicsModel
 from loco_mjx.physics.stage import Stage, add_up, total
 from loco_mjx.scene.types import Scene

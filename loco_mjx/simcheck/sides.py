@@ -14,7 +14,6 @@ from typing import Any
 import jax
 import jax.numpy as jp
 import numpy as np
-from brax.envs.base import State
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
@@ -23,6 +22,7 @@ from loco_mjx.deploy.folder import DEPTH, STATE, Manifest
 from loco_mjx.deploy.mujoco_robot import HIDDEN_GROUP, SEEN_GROUP, MujocoRobot
 from loco_mjx.deploy.observer import Observer
 from loco_mjx.env.loco_env import LocoEnv
+from loco_mjx.env.state import State
 from loco_mjx.mesh import AXIS, spread
 from loco_mjx.physics.step import Outcome, PhysicsState
 from loco_mjx.scene import mjcf

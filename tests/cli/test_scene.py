@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import ctypes.util
 import subprocess
 import sys
 
@@ -11,6 +10,7 @@ import pytest
 from loco_mjx.cli.main import main
 from loco_mjx.cli.scene import scene
 from loco_mjx.errors import UserError
+from tests import optional
 
 
 def test_writes_one_file_that_opens_by_itself(tmp_path):
@@ -52,13 +52,12 @@ def test_without_opengl_the_mjcf_is_written_all_the_same(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["a.xml"]
 
 
-@pytest.mark.skipif(not ctypes.util.find_library("EGL"), reason="no EGL on this machine")
+@optional.needs_opengl
 def test_picture(tmp_path):
     """In a process of its own, for MuJoCo picks its OpenGL when it is imported."""
     command = [sys.executable, "-m", "loco_mjx.cli.main", "scene", "--task", "stairs", "--png", str(tmp_path / "a.png")]
     done = subprocess.run(command, capture_output=True, text=True)
-    if "needs OpenGL" in done.stderr:
-        pytest.skip("EGL is here, but no device that it can use")
+    optional.skip_without_driver(done.stderr)
     assert done.returncode == 0, done.stderr
     image = imageio.imread(tmp_path / "a.png")
     assert image.shape[0] > 300 and image.shape[1] > 800

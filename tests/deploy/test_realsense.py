@@ -14,9 +14,10 @@ from loco_mjx.deploy.realsense import SIZE, Intrinsics, RealSense, Sampler
 from loco_mjx.deploy.robot import RobotError
 from loco_mjx.deploy.safety import Cause, Guard, Limits, Stop
 from loco_mjx.errors import UserError
+from tests import optional
 from tests.deploy import flat
 
-rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 has no wheel for this platform")
+rs = optional.pyrealsense2()
 
 WIDTH, HEIGHT = SIZE
 UNIT = 0.001  # m

@@ -97,7 +97,7 @@ def test_diagonal_legs_share_their_targets(other, key):
     env, reset, step = other
     state = step(jax.tree.map(lambda x: x[0], reset(key)), jp.array([1.0, -1.0, 1.0, 0.5, 0.5, -0.5]))
     right, left = [0.1, -0.2, 0.3], [0.05, 0.1, -0.15]
-    np.testing.assert_allclose(state.info["last_action"], right + left + left + right, atol=1e-6)
+    np.testing.assert_allclose(state.pipeline_state.episode.last_action, right + left + left + right, atol=1e-6)
     assert env.action_size == 6 and set(state.obs) == {"state"}
 
 
@@ -143,7 +143,7 @@ def test_the_step_after_done_starts_a_new_episode(env, auto):
     np.testing.assert_array_equal(fresh.info["reset"], 1)
     np.testing.assert_array_equal(fresh.done, 0)
     np.testing.assert_array_equal(fresh.reward, 0)
-    np.testing.assert_array_equal(fresh.info["steps"], 0)
+    np.testing.assert_array_equal(fresh.pipeline_state.episode.step, 0)
     assert not np.allclose(fresh.obs["state"], terminal)
     stack = np.array(fresh.obs["pixels/depth"])
     assert (stack == stack[..., :1]).all()  # nothing of the old episode is left in the stack

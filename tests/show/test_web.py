@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes.util
-import shutil
+import dataclasses
 import socket
 import subprocess
 import sys
@@ -16,8 +15,8 @@ import pytest
 
 from loco_mjx.show.rollout import Agent
 from loco_mjx.show.web import Viewer
+from tests import optional
 
-CHROMIUM = shutil.which("chromium")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 FLAGS += ["--disable-component-update", "--disable-sync"]
 PATIENCE = 120.0  # s, beyond which something hangs
@@ -48,12 +47,11 @@ def viewer():
 
 @pytest.fixture
 def page(viewer, tmp_path):
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine: apt-get install chromium")
+    chromium = optional.chromium()
     api = pytest.importorskip("playwright.sync_api")
     with api.sync_playwright() as playwright:
         browser = playwright.chromium.launch_persistent_context(
-            tmp_path, executable_path=CHROMIUM, headless=True, args=FLAGS
+            tmp_path, executable_path=chromium, headless=True, args=FLAGS
         )
         page = browser.pages[0]
         page.set_default_timeout(1000 * PATIENCE)
@@ -96,6 +94,44 @@ def test_the_page_shows_and_steers_the_episode(viewer, page):
     page.get_by_text("episode 0,").wait_for()
 
 
+def test_depth_stays_depth_and_attention_has_a_panel_of_its_own(viewer):
+    """Without a browser: what the server holds for each panel."""
+    found = []
+
+    def look():
+        for overlay in (False, True):
+            viewer.overlay = overlay
+            viewer._draw_eye(dataclasses.replace(viewer._moment, attention=np.eye(16)[5]))
+            found.append((viewer._eye.visible, np.array(viewer._eye.image), viewer._looked.visible))
+        found.append(np.array(viewer._looked.image))
+        viewer.overlay = False
+
+    viewer.ask(look)
+    until(lambda: len(found) == 3)
+    (seen, depth, looked), (seen_too, same, looked_too), attention = found
+    assert seen and seen_too and not looked and looked_too
+    np.testing.assert_array_equal(depth, same)
+    assert attention.shape[0] > depth.shape[0] and np.any(attention[: len(depth)] != depth)
+
+
+def test_the_floor_goes_along_with_the_robot_in_whole_tiles(viewer):
+    found = []
+
+    def look():
+        moment = viewer._moment
+        qpos = moment.qpos.copy()
+        qpos[:2] = 50.3, -7.1
+        viewer._draw(dataclasses.replace(moment, qpos=qpos))
+        found.append((np.array(viewer._floor.position), np.array(viewer._world.position)))
+        viewer._draw(moment)
+
+    viewer.ask(look)
+    until(lambda: found)
+    floor, world = found[0]
+    np.testing.assert_allclose(floor, [50.0, -8.0, 0.0])
+    np.testing.assert_allclose(world, [-50.3, 7.1, 0.0])
+
+
 def test_a_taken_port_is_one_line(viewer):
     from loco_mjx.errors import UserError
 
@@ -103,16 +139,16 @@ def test_a_taken_port_is_one_line(viewer):
         Viewer(Agent("zero"), "thin", 0, port=viewer.port)
 
 
-@pytest.mark.skipif(not ctypes.util.find_library("EGL"), reason="no EGL: apt-get install libegl1 libgl1-mesa-dri")
+@optional.needs_opengl
 def test_a_video_and_a_figure_from_end_to_end(tmp_path):
     """In a process of its own, for MuJoCo picks its OpenGL when it is imported."""
     film, figure = tmp_path / "a.gif", tmp_path / "a.png"
     words = ["--zero", "--seconds", "0.4", "--width", "160", "--columns", "2"]
     command = [sys.executable, "-m", "loco_mjx.cli.main", "play", *words, "--video", str(film), "--figure", str(figure)]
     done = subprocess.run(command, capture_output=True, text=True)
-    if "needs OpenGL" in done.stderr:
-        pytest.skip("EGL is here, but no device that it can use")
+    optional.skip_without_driver(done.stderr)
     assert done.returncode == 0, done.stderr
+    assert "fork" not in done.stderr
     frames = imageio.imread(film)
     assert frames.shape[:3] == (10, 90, 160)  # seconds × 25, 16:9
     assert frames[0, :40].std() > 10 and imageio.imread(figure).std() > 10
