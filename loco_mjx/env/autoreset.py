@@ -12,9 +12,8 @@ from typing import Any, Protocol
 import jax
 import jax.numpy as jp
 
-from loco_mjx.env.state import State
-
 from loco_mjx.env.renewal import renew
+from loco_mjx.env.state import State
 
 
 class ResettableEnv(Protocol):
