@@ -27,8 +27,8 @@ start" is the same policy after its first iteration: acting by its mean it stand
 The runs shared the machine with other work: their times are upper bounds. No run on a GPU has been measured.
 `make paper` uses another preset, `paper`, and 15 million samples a run: no such run is published here.
 
-All of these runs are older than the present courses and contacts: the obstacles of `thin` and `wide` ended at 28.5 m and
-51 m, beyond which a distance measures open floor (now 73 m), and knees and sliding feet were modelled less well.
+All of these runs are older than the present courses and contacts: the obstacles of `thin` and `wide` ended at 28.5 m
+and 51 m, beyond which a distance measures open floor (now 73 m), and knees and sliding feet were modelled less well.
 
 ![Distance and episode length over samples](learning.png)
 """
