@@ -212,7 +212,8 @@ def test_states_are_the_same_robot():
 def test_distance_walked_over_a_heightfield():
     """Blocks up to 5 cm high: C has the sphere meet every triangle it touches, ours the one beneath its centre.
 
-    Single walks part after a stumble; their median, and how high the trunk is carried, must not.
+    Single walks part after a stumble; their mean, and how high the trunk is carried, must not. (Over 48 walks the means are
+    0.403 m and, in C, 0.388 m; each spreads by 0.12 m.)
     """
     generate = jax.jit(get_task("heightfield").generate)
     targets = trot_targets(60)
@@ -226,7 +227,7 @@ def test_distance_walked_over_a_heightfield():
         ours.append(rollout(starts, worlds, targets, [_gait()])[0].qpos)
         theirs += [c_rollout(scene_spec(w).compile(), s, targets, *GAIT) for w, s in zip(worlds, starts, strict=True)]
     ours, theirs = np.concatenate(ours), np.stack(theirs)
-    walked, expected = np.median(ours[:, -1, 0]) - 1.2, np.median(theirs[:, -1, 0]) - 1.2
+    walked, expected = np.mean(ours[:, -1, 0]) - 1.2, np.mean(theirs[:, -1, 0]) - 1.2
     assert expected > 0.3
     assert walked == pytest.approx(expected, rel=0.1)
     np.testing.assert_allclose(ours[:, :, 2].mean(), theirs[:, :, 2].mean(), atol=0.005)
