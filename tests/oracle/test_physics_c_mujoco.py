@@ -212,8 +212,8 @@ def test_states_are_the_same_robot():
 def test_distance_walked_over_a_heightfield():
     """Blocks up to 5 cm high: C has the sphere meet every triangle it touches, ours the one beneath its centre.
 
-    Single walks part after a stumble; their mean, and how high the trunk is carried, must not. (Over 48 walks the means are
-    0.403 m and, in C, 0.388 m; each spreads by 0.12 m.)
+    Single walks part after a stumble; their mean, and how high the trunk is carried, must not. (Over 48 walks
+    the means are 0.403 m and, in C, 0.388 m; each spreads by 0.12 m.)
     """
     generate = jax.jit(get_task("heightfield").generate)
     targets = trot_targets(60)
