@@ -92,8 +92,8 @@ class PhysicsConfig:
     ls_iterations: int = 8  # line-search iterations per Newton iteration
     more_iterations: int = 4  # further ones of those environments that have not converged
     near_boxes: int = 16  # boxes nearest the robot's spheres that may touch it within one control step
-    near_cylinders: int = 3
-    friction: float = 1.0  # lateral, of the robot against everything
+    near_cylinders: int = 4  # likewise
+    friction: float = 1.0  # lateral, of the feet and knees against everything
 
 
 @dataclass(frozen=True)

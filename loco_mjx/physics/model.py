@@ -56,7 +56,7 @@ class PhysicsModel:
     Attributes:
         mjx: the robot's MJX model, without geoms: contacts come from the slots.
         data: MJX data whose fields a step overwrites.
-        sphere_invweight: (18,) translational inverse weight of each sphere's body, 1/kg.
+        sphere_invweight: (22,) translational inverse weight of each sphere's body, 1/kg.
         joint_invweight: (12,) inverse weight of each joint, 1/(kg m²).
         softness: of contacts.
         limit_softness: of joint limits.

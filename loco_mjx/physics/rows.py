@@ -14,18 +14,20 @@ import numpy as np
 from loco_mjx.physics.arrow import BASE, JOINTS, LEGS, Arrow, Motion
 from loco_mjx.physics.stage import Stage, add_up
 
+FRICTIONLESS = 2  # contacts of a leg: its hip's and its calf's
+
 
 class Constraints(NamedTuple):
     """Everything that pushes. Rows with weight 0 are out of contact.
 
-    The P rows of a leg are, for its foot's F slots, F normals, F first tangents, F second tangents, then those of the
-    hip's contact and the knee's F slots, without friction: P = 4 F + 1.
+    A leg has S slots with friction, its foot's and its knee's, and two without. Its P rows are S normals, S first
+    tangents, S second tangents, then the normals of the hip's contact and of the calf's: P = 3 S + 2.
 
     Attributes:
         legs: (9, P, 4, N) Jacobian of the legs' contacts: in the base's degrees of freedom, then in the leg's joints.
         leg_reference: (P, 4, N) reference acceleration r in each direction.
-        leg_weight: (2 F + 1, 4, N) D, of every edge of a foot's friction pyramid, and of what has no friction.
-        friction: (N,) coefficient of the feet.
+        leg_weight: (S + 2, 4, N) D, of every edge of a friction pyramid, and of what has no friction.
+        friction: (N,) coefficient of feet and knees.
         trunk: (6, T, N) Jacobian of the trunk's contacts, without friction.
         trunk_reference: (T, N).
         trunk_weight: (T, N).
@@ -47,8 +49,8 @@ class Constraints(NamedTuple):
 
     @property
     def slots(self) -> int:
-        """F, contact slots with friction per leg."""
-        return self.leg_weight.shape[0] // 2
+        """S, contact slots with friction per leg."""
+        return self.leg_weight.shape[0] - FRICTIONLESS
 
 
 class Values(NamedTuple):
@@ -63,7 +65,7 @@ class Push(NamedTuple):
     """The constraints at a point: minus their forces, and what the forces' derivatives are made of.
 
     Attributes:
-        force: per row; of the feet in each direction.
+        force: per row; with friction, in each direction.
         legs: weights of the active edges, as in :func:`_edges`.
         trunk: (T, N) weights of the active rows.
         limits: (3, 4, N).
@@ -92,7 +94,7 @@ def transposed(constraints: Constraints, values: Values) -> Motion:
 
 
 def _edges(constraints: Constraints, legs: jax.Array) -> list[jax.Array]:
-    """From values (P, 4, N) in directions: of the four edges of the feet's pyramids, each (F, 4, N), and the rest's."""
+    """From values (P, 4, N) in directions: of the four edges of the pyramids, each (S, 4, N), and the rest's."""
     slots = constraints.slots
     normal, rest = legs[:slots], legs[3 * slots :]
     first, second = (constraints.friction * legs[i * slots : (i + 1) * slots] for i in (1, 2))

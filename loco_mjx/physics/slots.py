@@ -78,6 +78,7 @@ class Slots(NamedTuple):
         feet: planes (4,): the ground's, then the nearest obstacles' and steps', nearest first.
         hips: (4,) the nearest of everything.
         knees: planes (4,) as the feet's: a robot on its knees leans against walls.
+        calves: (4,) the nearest of everything.
         trunk: (6,) the nearest of everything.
         hit: bool, whether any sphere touches an obstacle or a wall.
     """
@@ -85,6 +86,7 @@ class Slots(NamedTuple):
     feet: tuple[Planes, ...]
     hips: Planes
     knees: tuple[Planes, ...]
+    calves: Planes
     trunk: Planes
     hit: jax.Array
 
@@ -268,7 +270,7 @@ def touch(stage: Stage, scene: Near, point: Vector, obstacle_slots: int) -> Slot
     Args:
         stage: how to compute intermediate results once.
         scene: what is near; each array's last axis is over environments, the terrain's first.
-        point: x, y, z of the spheres' centres, each (18, N), m, in the order of kinematics.SPHERES.
+        point: x, y, z of the spheres' centres, each (22, N), m, in the order of kinematics.SPHERES.
         obstacle_slots: per foot and knee, how many of the nearest boxes and cylinders beside the ground.
     """
     radii = column(RADII, point[0])
@@ -280,8 +282,8 @@ def touch(stage: Stage, scene: Near, point: Vector, obstacle_slots: int) -> Slot
     cut = lambda plane, a, b: jax.tree.map(lambda x: x[a:b], plane._replace(distance=plane.distance - radii))  # noqa: E731
     feet = tuple(cut(plane, 0, LEGS) for plane in (floor, *nearest))
     knees = tuple(cut(plane, 2 * LEGS, 3 * LEGS) for plane in (floor, *nearest))
-    hips, trunk = cut(single, LEGS, 2 * LEGS), cut(single, 3 * LEGS, None)
-    return Slots(feet, hips, knees, trunk, ranking.hit)
+    hips, calves, trunk = (cut(single, a * LEGS, b and b * LEGS) for a, b in ((1, 2), (3, 4), (4, None)))
+    return Slots(feet, hips, knees, calves, trunk, ranking.hit)
 
 
 def _plane_of(scene: Near, point: Vector, distance: jax.Array, index: jax.Array) -> Planes:

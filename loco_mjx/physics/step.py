@@ -44,7 +44,7 @@ class Dynamics:
         kd: N·m·s/rad.
         strength: (12,) factor on each motor's torque.
         motor_friction: viscous, N·m·s/rad.
-        friction: lateral coefficient of the feet.
+        friction: lateral coefficient of feet and knees.
         mass: factor on every body's mass.
         inertia: factor on every body's rotational inertia.
     """

@@ -30,7 +30,7 @@ from loco_mjx.scene.types import Scene
 
 Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 KEYS = {STATE: "state", DEPTH: "pixels/depth"}
-FEET = tuple(f"{leg}_foot_sphere" for leg in a1.LEGS)
+ROUGH = tuple(f"{leg}_{part}_sphere" for part in ("foot", "knee") for leg in a1.LEGS)  # what friction holds
 
 
 def start(env: LocoEnv, seed: int, episodes: int) -> State:
@@ -142,8 +142,8 @@ class CSide:
     def _robot(self, scene: Scene, qpos: np.ndarray) -> WatchedRobot:
         model = mjcf.scene_spec(scene).compile()
         model.key_qpos[0] = qpos
-        for foot in FEET:
-            model.geom(foot).friction[0] = self._env.config.physics.friction
+        for name in ROUGH:
+            model.geom(name).friction[0] = self._env.config.physics.friction
         return WatchedRobot(model, self._manifest.camera, lying=False)
 
     def step(self, state: State, t: int, alive: np.ndarray) -> State:

@@ -13,7 +13,7 @@ from loco_mjx.physics import arrow, solver
 from loco_mjx.physics.rows import Constraints
 from loco_mjx.physics.stage import Stage
 
-N, SLOTS, TRUNK = 3, 2, 6
+N, SLOTS, REST, TRUNK = 3, 4, 2, 6
 
 
 def _dense_like_the_robot(rng: np.random.Generator) -> np.ndarray:
@@ -28,13 +28,13 @@ def _dense_like_the_robot(rng: np.random.Generator) -> np.ndarray:
 
 
 def _constraints(rng: np.random.Generator) -> Constraints:
-    rows = 4 * SLOTS + 1
+    rows = 3 * SLOTS + REST
     draw = lambda *shape: jp.asarray(rng.normal(size=(*shape, N)), jp.float32)  # noqa: E731
     weight = lambda *shape: jp.asarray(rng.uniform(size=(*shape, N)) * rng.integers(0, 2, (*shape, N)), jp.float32)  # noqa: E731
     return Constraints(
         legs=draw(9, rows, 4),
         leg_reference=draw(rows, 4),
-        leg_weight=weight(2 * SLOTS + 1, 4),
+        leg_weight=weight(SLOTS + REST, 4),
         friction=jp.asarray(rng.uniform(0.4, 1.2, N), jp.float32),
         trunk=draw(6, TRUNK),
         trunk_reference=draw(TRUNK),
@@ -59,7 +59,7 @@ def _dense_rows(constraints: Constraints, n: int) -> tuple[np.ndarray, np.ndarra
                     jacobian.append(wide[slot] + sign * c.friction * wide[other])
                     reference.append(c.leg_reference[slot, leg] + sign * c.friction * c.leg_reference[other, leg])
                     weight.append(c.leg_weight[slot, leg])
-        for rest in range(SLOTS + 1):
+        for rest in range(REST):
             jacobian.append(wide[3 * SLOTS + rest])
             reference.append(c.leg_reference[3 * SLOTS + rest, leg])
             weight.append(c.leg_weight[SLOTS + rest, leg])
