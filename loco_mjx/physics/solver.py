@@ -20,7 +20,7 @@ from loco_mjx.physics.rows import Constraints, Push, Values, flat, flat_weights,
 from loco_mjx.physics.stage import Stage, total
 
 PARTS = 8  # of the environments that have not converged, one in so many is solved further at a time
-TOLERANCE = 0.02  # N, what may be amiss: small, as errors of many physics steps add up
+TOLERANCE = 0.02  # N and N·m, what may be amiss
 
 
 def line_search(
