@@ -6,6 +6,9 @@ import csv
 import json
 from pathlib import Path
 
+# Beside distance and collisions: metrics and their digits, and in words.
+BESIDE = {"speed": 2, "collisions_per_metre": 2, "distance_16s": 2, "collisions_16s": 0}
+BESIDE_WORDS = ("speed", "collisions per m", "distance, first 16 s", "collisions, first 16 s")
 RESULTS = Path(__file__).parent / "results" / "cpu"
 
 
@@ -32,3 +35,13 @@ def len_episodes(found: dict[str, Path]) -> int:
     if len(counts) != 1:
         raise SystemExit(f"the evaluations have different numbers of episodes: {sorted(counts)}")
     return counts.pop()
+
+
+def figure(metrics: list[dict[str, dict[str, float]]], name: str, digits: int) -> str:
+    """Mean ± standard deviation over seeds of a metric, of one seed the mean; a dash unless all have it."""
+    if any(name not in one for one in metrics):
+        return "—"
+    values = [one[name]["mean"] for one in metrics]
+    mean = sum(values) / len(values)
+    std = (sum((value - mean) ** 2 for value in values) / len(values)) ** 0.5
+    return f"{mean:.{digits}f} ± {std:.{digits}f}" if len(values) > 1 else f"{mean:.{digits}f}"

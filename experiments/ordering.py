@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from experiments.committed import len_episodes, runs, table
+from experiments.committed import BESIDE, BESIDE_WORDS, figure, len_episodes, runs, table
 from loco_mjx.compare import paper
 
+FILES = {"thin": "evaluation", "wide": "evaluation-wide"}  # what the policies were evaluated on
 COMPARISON = """## Policies on `thin`, against the paper's ordering
 
 The same runs, on the task they were trained on and on `wide`, which they have never seen: mean ± standard deviation
 over seeds of the mean of {episodes} deterministic episodes. The paper's figures (its table 1: trained on thin
-obstacles, evaluated on wide ones) stand on 15 million samples and five seeds, ours on fewer: what is compared is the
-order.
+obstacles, evaluated on wide ones) stand on 15 million samples and five seeds, ours on fewer, and on the `fast` preset
+instead of the paper's hyper-parameters (`paper`): what is compared is the order.
 """
 
 
@@ -35,18 +36,29 @@ def _compared(found: dict[str, Path]) -> str:
         for label, variant in paper.POLICIES.items()
     }
     groups = {label: paths for label, paths in groups.items() if paths}
-    columns = [(file, metric) for file in ("evaluation", "evaluation-wide") for metric in ("distance", "collisions")]
-    ours = {label: [_over_seeds(paths, *column) for column in columns] for label, paths in groups.items()}
-    far = {label: values[2] for label, values in ours.items()}  # distances on wide
+    metrics = {
+        task: {label: [_metrics(path / f"{file}.json") for path in paths] for label, paths in groups.items()}
+        for task, file in FILES.items()
+    }
+    far = {label: [one["distance"]["mean"] for one in found] for label, found in metrics["wide"].items()}
     printed = {row.label: (row.values[1], row.values[3]) for row in paper.GENERALIZATION.rows}
-    head = ["policy", "seeds", "distance", "collisions", "distance on wide", "collisions on wide"]
-    head += ["paper: distance on wide", "paper: collisions on wide"]
-    body = [
-        [paper.POLICIES[label].policy, str(len(groups[label])), *(_spread(x, 1 - i % 2) for i, x in enumerate(figures))]
-        + [f"{x[0]} ± {x[1]}" if x else "—" for x in printed[label]]
-        for label, figures in ours.items()
-    ]
-    return table(head, body) + "\n" + _orders(far, {label: (printed[label][0] or (0.0,))[0] for label in ours}) + "\n"
+    head = ["policy", "seeds", "distance", "collisions", *BESIDE_WORDS]
+    parts = []
+    for task, ours in metrics.items():
+        body = [_figures(paper.POLICIES[label].policy, found) for label, found in ours.items()]
+        if task == "wide":
+            head += ["paper: distance", "paper: collisions"]
+            for row, label in zip(body, ours, strict=True):
+                row += [f"{x[0]} ± {x[1]}" if x else "—" for x in printed[label]]
+        parts.append(f"On `{task}`:\n\n{table(head, body)}")
+    order = _orders(far, {label: (printed[label][0] or (0.0,))[0] for label in groups})
+    return "\n".join([*parts, order + "\n"])
+
+
+def _figures(policy: str, metrics: list[dict[str, dict[str, float]]]) -> list[str]:
+    """A policy's line: over its seeds."""
+    wanted = {"distance": 1, "collisions": 0} | BESIDE
+    return [policy, str(len(metrics)), *(figure(metrics, name, digits) for name, digits in wanted.items())]
 
 
 def _orders(ours: dict[str, list[float]], theirs: dict[str, float]) -> str:
@@ -61,13 +73,6 @@ def _orders(ours: dict[str, list[float]], theirs: dict[str, float]) -> str:
     return f"Of the paper's order of distances on `wide`, pair by pair: {'; '.join(said)}."
 
 
-def _over_seeds(paths: list[Path], file: str, metric: str) -> list[float]:
-    """The mean over episodes, of each seed."""
-    return [json.loads((path / f"{file}.json").read_text())["metrics"][metric]["mean"] for path in paths]
-
-
-def _spread(values: list[float], digits: int) -> str:
-    """Mean ± standard deviation over seeds."""
-    mean = sum(values) / len(values)
-    std = (sum((value - mean) ** 2 for value in values) / len(values)) ** 0.5
-    return f"{mean:.{digits}f} ± {std:.{digits}f}" if len(values) > 1 else f"{mean:.{digits}f}"
+def _metrics(path: Path) -> dict[str, dict[str, float]]:
+    """Mean and deviation of each metric over the episodes of an evaluation."""
+    return dict(json.loads(path.read_text())["metrics"])

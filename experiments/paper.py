@@ -111,7 +111,7 @@ def once_each(cells: list[Cell]) -> list[Cell]:
     """The fewest that have every task and every variant: the paper's own policy on every task, the others on one."""
     seen: set[object] = set()
     kept = []
-    for cell in sorted(cells, key=lambda cell: cell.variant != paper.POLICIES["Ours"]):
+    for cell in sorted(cells, key=lambda cell: cell.variant != paper.POLICIES["LocoTransformer"]):
         if not {cell.task, cell.variant} <= seen:
             seen |= {cell.task, cell.variant}
             kept.append(cell)

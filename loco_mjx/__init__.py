@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Any
+import importlib as _importlib
+import typing as _typing
+
+if _typing.TYPE_CHECKING:
+    from loco_mjx.config import EnvConfig
+    from loco_mjx.env import LocoEnv, make_env
+    from loco_mjx.env.brax import wrap_for_brax
+    from loco_mjx.env.state import State
+    from loco_mjx.run.machine import set_up
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "make_env"]
+__all__ = ["EnvConfig", "LocoEnv", "State", "__version__", "make_env", "set_up", "wrap_for_brax"]
+
+# JAX and MuJoCo load when a name is first asked for, not when the package's version is.
+_HOMES = {
+    "EnvConfig": "loco_mjx.config",
+    "LocoEnv": "loco_mjx.env",
+    "State": "loco_mjx.env.state",
+    "make_env": "loco_mjx.env",
+    "set_up": "loco_mjx.run.machine",
+    "wrap_for_brax": "loco_mjx.env.brax",
+}
 
 
-def __getattr__(name: str) -> Any:
-    # JAX and MuJoCo load when an environment is first asked for, not when the package's version is.
-    if name == "make_env":
-        from loco_mjx.env import make_env
-
-        return make_env
+def __getattr__(name: str) -> _typing.Any:
+    if name in _HOMES:
+        return getattr(_importlib.import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'loco_mjx' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -51,6 +51,7 @@ class ObservationConfig:
     state_frames: int = 3  # proprioceptive frames, newest first
     displacement: bool = True  # base displacement over the last control step (off: the real robot's 84-D state)
     goal: bool = False  # goal relative to the base, appended to `state`
+    privileged: bool = False  # `privileged`: what only a simulator knows (loco_mjx/env/privileged.py)
     depth: DepthConfig = field(default_factory=DepthConfig)
 
     @property
@@ -87,11 +88,12 @@ class TerminationConfig:
 class PhysicsConfig:
     """The MJX solver and the contact slots."""
 
-    iterations: int = 4  # Newton iterations per physics step
+    iterations: int = 2  # Newton iterations per physics step
     ls_iterations: int = 8  # line-search iterations per Newton iteration
-    near_boxes: int = 6  # boxes nearest the robot that may touch it within one control step
-    near_cylinders: int = 3
-    friction: float = 1.0  # lateral, of the robot against everything
+    more_iterations: int = 4  # further ones of those environments that have not converged
+    near_boxes: int = 16  # boxes nearest the robot's spheres that may touch it within one control step
+    near_cylinders: int = 4  # likewise
+    friction: float = 1.0  # lateral, of the feet and knees against everything
 
 
 @dataclass(frozen=True)
@@ -139,6 +141,7 @@ class NetworkConfig:
     initial_std: float = 1.0
     latent_dim: int = 4  # hrl: width of the high level's command
     hold: int = 4  # hrl: control steps for which a command is held; divides ppo.unroll
+    critic: Literal["shared", "privileged"] = "shared"  # privileged: an MLP on `state` and `privileged` is the value
 
 
 @dataclass(frozen=True)
@@ -157,6 +160,7 @@ class PPOConfig:
     max_grad_norm: float = 0.5
     entropy: float = 0.005
     value_loss: float = 0.5
+    optimizer: Literal["joint", "separate"] = "joint"  # separate: policy and value have their own clip and Adam
     reward_scale: float = 1.0  # of the rewards learnt from; those reported are not scaled
     total_steps: int = 15_000_000  # samples
     pool_size: int = 512  # scenes held ready for resets
@@ -174,11 +178,25 @@ class PPOConfig:
 
 
 @dataclass(frozen=True)
+class DistillConfig:
+    """Method `distill`: a privileged teacher learns by PPO; the policy imitates it (DAgger), then goes on by PPO."""
+
+    teacher_ratio: float = 4.0  # samples of the teacher for each of the policy
+    imitation: float = 0.7  # share of the policy's samples in which it imitates; PPO in the rest
+    std: float = 0.3  # of the policy's exploration while it imitates, and where PPO begins
+    learning_rate: float = 1e-3  # while it imitates
+    minibatch: int = 512
+    epochs: int = 2
+
+
+@dataclass(frozen=True)
 class Config:
     """Everything that defines a run, apart from where it is written."""
 
     policy: str = "loco-transformer"
+    method: Literal["ppo", "distill"] = "ppo"
     seed: int = 0
+    distill: DistillConfig = field(default_factory=DistillConfig)
     env: EnvConfig = field(default_factory=EnvConfig)
     network: NetworkConfig = field(default_factory=NetworkConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
@@ -199,7 +217,26 @@ def _fast(config: Config) -> Config:
     return dataclasses.replace(config, env=dataclasses.replace(config.env, action=action), ppo=ppo)
 
 
-PRESETS = {"paper": lambda config: config, "fast": _fast}
+def _real(config: Config) -> Config:
+    """`fast` for the real robot: what it cannot measure is not observed, and what is not known of it is drawn."""
+    config = _fast(config)
+    observation = config.env.observation
+    env = dataclasses.replace(
+        config.env,
+        observation=dataclasses.replace(
+            observation, displacement=False, depth=dataclasses.replace(observation.depth, noise=True)
+        ),
+        randomization=dataclasses.replace(config.env.randomization, enabled=True),
+    )
+    return dataclasses.replace(config, env=env)
+
+
+def _paper(config: Config) -> Config:
+    """The paper's, with the optimisers of the authors' code."""
+    return dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, optimizer="separate", value_loss=1.0))
+
+
+PRESETS = {"paper": _paper, "fast": _fast, "real": _real}
 
 
 def preset(name: str) -> Config:
@@ -235,8 +272,47 @@ def check(config: Config, num_devices: int = 1) -> None:
             f"(num_envs {ppo.num_envs} × unroll {ppo.unroll}); accepted: a divisor of it"
         )
     _check_ranges(config)
+    if config.method == "distill":
+        _check_distill(config, num_devices)
     if config.network.tokens_per_side not in (1, 2, 4):
         raise UserError(f"network.tokens_per_side is {config.network.tokens_per_side}; accepted: 1, 2, 4")
+
+
+def _check_distill(config: Config, num_devices: int) -> None:
+    """Checks the values of method `distill`."""
+    distill, samples = config.distill, config.ppo.samples_per_iteration
+    if not 0 <= distill.imitation <= 1:
+        raise UserError(f"distill.imitation is {distill.imitation}; accepted: 0 to 1")
+    for name in ("teacher_ratio", "std", "learning_rate", "minibatch", "epochs"):
+        if getattr(distill, name) <= 0:
+            raise UserError(f"distill.{name} is {getattr(distill, name)}; accepted: more than 0")
+    if samples % distill.minibatch or distill.minibatch % num_devices:
+        raise UserError(
+            f"distill.minibatch {distill.minibatch} does not divide the {samples} samples of an iteration, or not over "
+            f"{num_devices} devices; accepted: a divisor of the one and a multiple of the other"
+        )
+
+
+def teacher_of(config: Config) -> Config:
+    """The configuration of the teacher's run, for a run of method `distill`."""
+    depth = dataclasses.replace(config.env.observation.depth, enabled=False)
+    env = dataclasses.replace(config.env, observation=dataclasses.replace(config.env.observation, depth=depth))
+    total = round(config.distill.teacher_ratio * config.ppo.total_steps)
+    network = dataclasses.replace(config.network, critic="shared", initial_std=NetworkConfig.initial_std)
+    ppo = dataclasses.replace(config.ppo, total_steps=total, optimizer="joint")
+    return Config(policy="privileged", seed=config.seed, env=env, network=network, ppo=ppo)
+
+
+def with_method(config: Config) -> Config:
+    """The configuration with what its method and its policy need of the observation, the networks and the optimiser."""
+    if config.method == "distill":
+        network = dataclasses.replace(config.network, critic="privileged", initial_std=config.distill.std)
+        ppo = dataclasses.replace(config.ppo, optimizer="separate")
+        config = dataclasses.replace(config, network=network, ppo=ppo)
+    if config.policy == "privileged" or config.network.critic == "privileged":
+        observation = dataclasses.replace(config.env.observation, privileged=True)
+        config = dataclasses.replace(config, env=dataclasses.replace(config.env, observation=observation))
+    return config
 
 
 def _check_ranges(config: Config) -> None:

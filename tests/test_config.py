@@ -3,11 +3,15 @@
 import dataclasses
 import json
 
+import jax
 import pytest
 
 from loco_mjx import config as config_lib
+from loco_mjx.cli import train
 from loco_mjx.config import Config
+from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
+from loco_mjx.ppo.train import Trainer
 
 
 def _with(path: str, value):
@@ -31,6 +35,32 @@ def test_paper_preset_is_the_papers():
     ppo = config_lib.preset("paper").ppo
     assert ppo.samples_per_iteration == 8192 and ppo.minibatch == 256 and ppo.epochs == 3 and ppo.learning_rate == 1e-4
     assert ppo.total_steps == 15_000_000 and ppo.iterations == 1832 and ppo.learning_rate_decay
+    assert ppo.optimizer == "separate" and ppo.value_loss == 1.0  # as in the authors' code
+
+
+def test_real_preset_is_the_fast_one_without_what_the_robot_cannot_measure():
+    fast, real = config_lib.preset("fast"), config_lib.preset("real")
+    assert (real.ppo, real.network, real.env.action) == (fast.ppo, fast.network, fast.env.action)
+    env, observation = real.env, real.env.observation
+    assert (observation.displacement, observation.depth.noise, env.randomization.enabled) == (False, True, True)
+    depth = dataclasses.replace(observation.depth, noise=None)
+    observation = dataclasses.replace(observation, displacement=True, depth=depth)
+    randomization = dataclasses.replace(env.randomization, enabled=False)
+    assert dataclasses.replace(env, observation=observation, randomization=randomization) == fast.env
+
+
+@pytest.mark.parametrize("policy", ["state-only", "loco-transformer"])
+def test_the_command_trains_the_real_preset_on_84_numbers(policy):
+    sizes = ["--num-envs", "2", "--ppo.unroll", "4", "--ppo.minibatch", "4", "--ppo.pool-size", "2"]
+    config = train.configuration(train.read(["--preset", "real", "--policy", policy, *sizes]))
+    trainer = Trainer(config, LocoEnv(config.env))
+    pool = jax.eval_shape(trainer.make_pool, 0)
+    state = jax.eval_shape(trainer.start, jax.random.PRNGKey(0), pool)
+    assert state.env_state.obs["state"].shape == (2, 84)
+    assert ("pixels/depth" in state.env_state.obs) == (policy == "loco-transformer")
+    after, metrics = jax.eval_shape(trainer.step, state, pool)
+    assert jax.tree.map(lambda x: (x.shape, x.dtype), after) == jax.tree.map(lambda x: (x.shape, x.dtype), state)
+    assert "loss/total" in metrics
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def main(args: Sequence[str]) -> int:
     Raises:
         UserError: if a name is unknown or sizes do not divide.
     """
-    options = parse(Options, args, PROG)
+    options = parse(Options, args, PROG, names=("tasks", "policies"))
     if options.num_envs is not None and options.num_envs < 1:
         raise UserError(f"num-envs is {options.num_envs}; accepted: 1 or more")
     if options.seeds is not None and options.part != "train":

@@ -44,7 +44,7 @@ def main(args: Sequence[str]) -> int:
     Raises:
         UserError: if there is no usable run, or what is asked cannot be done; nothing is written then.
     """
-    options = parse(Options, args, PROG)
+    options = parse(Options, args, PROG, names=("tasks",))
     check_seed(options.seed)
     with one_object(options.json) as show:
         from loco_mjx.run import machine

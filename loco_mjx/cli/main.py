@@ -27,7 +27,7 @@ VERBS: dict[str, str] = {
     "scene": "write a generated scene as MJCF and as a picture",
 }
 # Packages that an installation may lack, by the extra that brings them.
-_TRAIN = ("jax", "jaxlib", "flax", "optax", "brax", "mujoco", "orbax", "rich", "tensorboardX", "matplotlib")
+_TRAIN = ("jax", "jaxlib", "flax", "optax", "mujoco", "orbax", "rich", "tensorboardX", "matplotlib")
 EXTRAS: dict[str, str] = dict.fromkeys((*_TRAIN, "imageio_ffmpeg"), "train")
 EXTRAS |= {"onnxruntime": "deploy", "onnx": "export", "pyrealsense2": "a1", "trimesh": "play"}
 USAGE_ERROR = 2

@@ -7,14 +7,22 @@ import difflib
 import io
 import re
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
+from loco_mjx.cli import page, words
 from loco_mjx.errors import UserError
 
 T = TypeVar("T")
 
 
-def parse(kind: type[T], args: Sequence[str], prog: str, default: T | None = None) -> T:
+def parse(
+    kind: type[T],
+    args: Sequence[str],
+    prog: str,
+    default: T | None = None,
+    names: Sequence[str] = (),
+    keys: Sequence[str] = (),
+) -> T:
     """Fills a dataclass from the command line; one option per field, nested fields joined by dots.
 
     Args:
@@ -22,11 +30,16 @@ def parse(kind: type[T], args: Sequence[str], prog: str, default: T | None = Non
         args: the words of the command line.
         prog: the command, for its help.
         default: an instance whose values are the defaults.
+        names: kinds of names that the help lists: "tasks", "policies", "presets".
+        keys: fields, each a dataclass, whose options only `--help-all` lists; they need a default.
 
     Raises:
         UserError: on anything that is not accepted, in one line.
         SystemExit: with code 0, after printing the help.
     """
+    if page.asked(args):
+        _help(kind, prog, default, names, keys, page.ALL in args)
+    words.refuse_contradictions(kind, args)
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
@@ -34,7 +47,9 @@ def parse(kind: type[T], args: Sequence[str], prog: str, default: T | None = Non
     except SystemExit as stop:
         if not stop.code:
             raise
-        raise UserError(f"{_first_paragraph(complaint.getvalue())}; `{prog} --help` lists the options") from None
+        raise UserError(
+            f"{_first_paragraph(complaint.getvalue())}; `{prog} {page.ALL if keys else '--help'}` lists the options"
+        ) from None
     if unknown:
         raise UserError(_unknown(unknown, args, _options(kind, prog, default)))
     return filled
@@ -50,19 +65,28 @@ def check_seed(seed: int) -> None:
         raise UserError(f"seed is {seed}; accepted: 0 to {2**31 - 1}")
 
 
-def _tyro(kind: type[T], args: Sequence[str], prog: str, default: T | None) -> tuple[T, list[str]]:
+def _help(
+    kind: type[T], prog: str, default: T | None, names: Sequence[str], keys: Sequence[str], everything: bool
+) -> NoReturn:
+    """Prints the help, all of it or without the keys of a configuration."""
+    said = page.description(kind, names, keys, everything)
+    if keys and default is not None and not everything:
+        kind, default = page.brief(kind, default, keys)
+    _tyro(kind, ["--help"], prog, default, said)
+    raise SystemExit(0)
+
+
+def _tyro(
+    kind: type[T], args: Sequence[str], prog: str, default: T | None, description: str | None = None
+) -> tuple[T, list[str]]:
     import tyro
 
-    words = [_hyphens(word) for word in args]
+    text = [words.hyphens(word) for word in args]
     more: dict[str, Any] = {} if default is None else {"default": default}
     markers = (tyro.conf.FlagCreatePairsOff,)
-    return tyro.cli(kind, args=words, prog=prog, return_unknown_args=True, config=markers, **more)
-
-
-def _hyphens(word: str) -> str:
-    """`--ppo.num_envs=8` and `--ppo.num-envs=8` are the same option."""
-    name, equals, value = word.partition("=")
-    return name.replace("_", "-") + equals + value if name.startswith("--") else word
+    return tyro.cli(
+        kind, args=text, prog=prog, description=description, return_unknown_args=True, config=markers, **more
+    )
 
 
 def _options(kind: type[T], prog: str, default: T | None) -> list[str]:

@@ -39,7 +39,7 @@ class Options:
     seconds: float = 10.0
     """Simulated time to film."""
     attention: bool = False
-    """Draw the last layer's attention of the state token over the depth image."""
+    """Draw the last layer's attention of the state token over the depth image, as a multiple of uniform attention."""
     zero: bool = False
     """Hold the default pose instead of running a policy."""
     random: bool = False
@@ -64,7 +64,7 @@ def main(args: Sequence[str]) -> int:
     Raises:
         UserError: before anything is computed or written, if something is wrong.
     """
-    options = parse(Options, args, PROG)
+    options = parse(Options, args, PROG, names=("tasks",))
     choose_gl()  # before anything imports MuJoCo
     from loco_mjx.run import machine
 

@@ -43,7 +43,7 @@ def main(args: Sequence[str]) -> int:
     Raises:
         UserError: as :func:`scene`.
     """
-    options = parse(Options, args, PROG)
+    options = parse(Options, args, PROG, names=("tasks",))
     from loco_mjx.run import machine
 
     if options.png is not None:
@@ -156,6 +156,7 @@ def _third_person(world: Scene) -> np.ndarray:
 
     from loco_mjx.scene.mjcf import scene_spec
     from loco_mjx.show.gl import offscreen
+    from loco_mjx.show.stage import goal_top, raise_to
 
     model = scene_spec(world).compile()
     data = mujoco.MjData(model)
@@ -164,6 +165,10 @@ def _third_person(world: Scene) -> np.ndarray:
     camera = mujoco.MjvCamera()
     camera.lookat[:] = data.qpos[:3] + np.array([2.0, 0.0, 0.2])
     camera.distance, camera.azimuth, camera.elevation = 5.0, 8.0, -20.0
+    top = goal_top(world)
+    if top is not None:
+        camera.distance = 6.0  # both ends of a climb
+        raise_to(camera, data.qpos[:3], top, PICTURE[1] / PICTURE[0])
     with offscreen(model, *PICTURE, "--png") as renderer:
         renderer.update_scene(data, camera)
         return renderer.render()

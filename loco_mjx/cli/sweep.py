@@ -65,7 +65,7 @@ def main(args: Sequence[str]) -> int:
     Raises:
         UserError: if what is asked cannot be done; nothing is written then.
     """
-    options = parse(Options, args, PROG)
+    options = parse(Options, args, PROG, names=("tasks", "policies", "presets"))
     from rich.console import Console
 
     from loco_mjx.compare import launch

@@ -1,4 +1,4 @@
-"""`loco-mjx table`: writes the paper's tables from the evaluations in a directory, ours beside the paper's."""
+"""`loco-mjx table`: writes tables of the evaluations in a directory: a summary, each task, ours beside the paper's."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ PROG = "loco-mjx table"
 
 @dataclass(frozen=True)
 class Options:
-    """Writes the paper's tables 1 to 5 as Markdown and LaTeX from the evaluations of the runs in a directory.
+    """Writes the evaluations of the runs in a directory as Markdown and LaTeX.
 
-    Each stands on the finished seeds of the runs it finds; what is missing is listed below the tables.
+    First a summary, policy by task; then each task's own evaluations; then those of the paper's tables 1 to 5 of which
+    something has been evaluated. All stand on the finished seeds; what is missing is listed below the tables.
     """
 
     directory: tyro.conf.Positional[Path]

@@ -9,13 +9,15 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
 from loco_mjx import config as config_lib
+from loco_mjx.cli import words
 from loco_mjx.cli.parse import check_seed, parse
-from loco_mjx.config import Config, EnvConfig, NetworkConfig, PPOConfig
+from loco_mjx.config import Config, DistillConfig, EnvConfig, NetworkConfig, PPOConfig
+from loco_mjx.errors import UnknownNameError, UserError
 from loco_mjx.run.loop import LoopOptions
 from loco_mjx.run.progress import duration
 from loco_mjx.run.record import Run
@@ -25,6 +27,8 @@ PRESET = "fast"
 # Samples per second and core on a CPU, with and without depth, as measured on two cores; for the default budget only.
 CPU_RATE = {True: 400.0, False: 4000.0}
 CPU_MINUTES = 20
+KEYS = ("env", "network", "ppo", "distill")  # of the configuration; every key in them is an option
+SHORT_FORMS = {"task": "env.task", "num_envs": "ppo.num_envs", "total_steps": "ppo.total_steps"}
 
 
 @dataclass(frozen=True)
@@ -35,15 +39,17 @@ class Options:
     """
 
     task: str | None = None
-    """Task to train on; None: thin."""
+    """Task to train on, one of those above; None: thin."""
     policy: str = "loco-transformer"
-    """Policy to train; it decides whether depth is rendered."""
+    """Policy to train, one of those above; it decides whether depth is rendered."""
+    method: Literal["ppo", "distill"] = "ppo"
+    """How it learns: by PPO alone, as in the paper, or from a privileged teacher first (`distill`)."""
     seed: int = 0
     """Seed of everything random."""
     seeds: str | None = None
     """Several seeds in one program instead, as in 0-4 or 0,2,5; each one's run is seedSEED in --out."""
     preset: str = PRESET
-    """Defaults of the whole configuration: the paper's, or ones tuned for wall-clock."""
+    """Defaults of the whole configuration, one of those above: the paper's, for wall-clock, or for the robot."""
     total_steps: int | None = None
     """Samples to train; None: the preset's on a GPU, on a CPU what takes about 20 minutes."""
     num_envs: int | None = None
@@ -60,6 +66,7 @@ class Options:
     env: tyro.conf.FlagConversionOff[EnvConfig] = field(default_factory=EnvConfig)
     network: tyro.conf.FlagConversionOff[NetworkConfig] = field(default_factory=NetworkConfig)
     ppo: tyro.conf.FlagConversionOff[PPOConfig] = field(default_factory=PPOConfig)
+    distill: tyro.conf.FlagConversionOff[DistillConfig] = field(default_factory=DistillConfig)
 
 
 def main(args: Sequence[str]) -> int:
@@ -119,13 +126,14 @@ def planned(options: Options, args: Sequence[str], config: Config) -> list[Run]:
         UserError: if the seeds mean nothing, or are given in two ways.
     """
     from loco_mjx.compare.lists import parse_seeds
-    from loco_mjx.errors import UserError
 
     home = Path("runs", config.env.task, config.policy)
     if options.seeds is None:
         return [Run(config, options.out or home / f"seed{config.seed}")]
-    if any(arg.partition("=")[0] == "--seed" for arg in args):
+    if any(name == "--seed" for name, _ in words.given(args)):
         raise UserError("--seed and --seeds are given; accepted: --seed for one run, --seeds for several together")
+    if config.method == "distill":
+        raise UserError("--seeds trains by PPO alone; accepted with --method distill: one --seed after the other")
     seeds, home = parse_seeds(options.seeds), options.out or home
     if len(seeds) < sum(len(parse_seeds(part)) for part in options.seeds.split(",")):
         raise UserError(f"seeds '{options.seeds}' name one twice; accepted: each once, e.g. 0-4 or 0,2,5")
@@ -141,12 +149,25 @@ def read(args: Sequence[str]) -> Options:
         UserError: on anything that is not accepted.
     """
     default = Options()
-    words = [word for arg in args for word in arg.split("=", 1)]
-    if "--preset" in words[:-1]:
-        default = dataclasses.replace(default, preset=words[words.index("--preset") + 1])
+    presets = [values[0] for name, values in words.given(args) if name == "--preset" and values]
+    if presets:
+        default = dataclasses.replace(default, preset=presets[0])
     base = config_lib.preset(default.preset)
     default = dataclasses.replace(default, env=base.env, network=base.network, ppo=base.ppo)
-    return parse(Options, args, PROG, default)
+    options = parse(Options, args, PROG, default, names=("tasks", "policies", "presets"), keys=KEYS)
+    _check_short_forms(options, args)
+    return options
+
+
+def _check_short_forms(options: Options, args: Sequence[str]) -> None:
+    """Refuses an option and the configuration's key behind it with different values: one would silently win."""
+    named = {name for name, _ in words.given(args)}
+    for short, key in SHORT_FORMS.items():
+        group, _, name = key.partition(".")
+        mine, its = getattr(options, short), getattr(getattr(options, group), name)
+        given = tuple(f"--{option.replace('_', '-')}" for option in (short, key))
+        if named.issuperset(given) and mine is not None and mine != its:
+            raise UserError(f"{given[0]} is {mine} and {given[1]} is {its}, which mean the same; accepted: one of them")
 
 
 def configuration(options: Options) -> Config:
@@ -155,7 +176,6 @@ def configuration(options: Options) -> Config:
     Raises:
         UnknownNameError: if there is no policy of that name.
     """
-    from loco_mjx.errors import UnknownNameError
     from loco_mjx.networks.policies import POLICIES
 
     if options.policy not in POLICIES:
@@ -167,7 +187,16 @@ def configuration(options: Options) -> Config:
     ppo = options.ppo
     if options.num_envs is not None:
         ppo = dataclasses.replace(ppo, num_envs=options.num_envs)
-    config = Config(policy=options.policy, seed=options.seed, env=env, network=options.network, ppo=ppo)
+    config = Config(
+        policy=options.policy,
+        method=options.method,
+        seed=options.seed,
+        distill=options.distill,
+        env=env,
+        network=options.network,
+        ppo=ppo,
+    )
+    config = config_lib.with_method(config)
     return config if options.total_steps is None else with_total(config, options.total_steps)
 
 
@@ -191,8 +220,7 @@ def with_total(config: Config, total: int) -> Config:
 
 def gave_total(options: Options, args: Sequence[str]) -> bool:
     """Whether the command line says how many samples to train."""
-    key = "--ppo.total-steps"
-    return options.total_steps is not None or any(arg.replace("_", "-").split("=")[0] == key for arg in args)
+    return options.total_steps is not None or any(name == "--ppo.total-steps" for name, _ in words.given(args))
 
 
 def default_total(config: Config, seeds: int = 1) -> int:

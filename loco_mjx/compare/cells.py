@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -14,9 +14,11 @@ from loco_mjx.config import Config
 from loco_mjx.errors import UserError
 from loco_mjx.run import directory
 from loco_mjx.run.logger import CSV, SECONDS, STEP, read_rows
+from loco_mjx.run.loop import LoopOptions
 
 PROGRAM = (sys.executable, "-m", "loco_mjx.cli.main")
 EVALUATION_SEED = 0  # the same scenes for every policy
+IMPORTS = 10.0  # s from a command to the clock of a run's curves, which starts with the first iteration
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class Cell:
         options: words of `loco-mjx train` beside those above.
         eval_tasks: to evaluate on.
         episodes: of each evaluation.
+        loop: when it is evaluated while training.
     """
 
     task: str
@@ -42,6 +45,7 @@ class Cell:
     options: tuple[str, ...]
     eval_tasks: tuple[str, ...]
     episodes: int
+    loop: LoopOptions = field(default_factory=LoopOptions)
 
     @property
     def name(self) -> str:
@@ -137,7 +141,7 @@ class Plan:
 
         words = ["--preset", self.preset, *self.options]
         words += [] if self.total_steps is None else ["--total-steps", str(self.total_steps)]
-        config = _configuration((*variant.words, *words))
+        config, loop = _read((*variant.words, *words))
         config = dataclasses.replace(config, env=dataclasses.replace(config.env, task=task))
         train.check(config)
         if self.total_steps is None:  # without it `train` would take what a CPU does in minutes
@@ -146,7 +150,7 @@ class Plan:
 
         def cell(seed: int) -> Cell:
             own = dataclasses.replace(config, seed=seed)
-            return Cell(task, variant, seed, path / f"seed{seed}", own, tuple(words), eval_tasks, self.episodes)
+            return Cell(task, variant, seed, path / f"seed{seed}", own, tuple(words), eval_tasks, self.episodes, loop)
 
         return {seed: cell(seed) for seed in seeds}
 
@@ -167,19 +171,40 @@ class Plan:
 
 
 @cache
-def _configuration(words: tuple[str, ...]) -> Config:
+def _read(words: tuple[str, ...]) -> tuple[Config, LoopOptions]:
     """What `loco-mjx train` makes of words; cached, since reading them takes long beside everything else here."""
     from loco_mjx.cli import train
 
-    return train.configuration(train.read(words))
+    options = train.read(words)
+    return train.configuration(options), options.loop
 
 
-def measured_rate(cells: Sequence[Cell]) -> float | None:
-    """Samples per second that runs of these cells have had, compilation and evaluation included; None without any."""
+@dataclass(frozen=True)
+class Measured:
+    """How fast runs were trained.
+
+    Attributes:
+        rate: samples per second, evaluations on the way included.
+        start: seconds from the command to the first sample.
+    """
+
+    rate: float
+    start: float
+
+
+def measured(cells: Sequence[Cell]) -> Measured | None:
+    """How fast those of these cells were trained that went on after their first iteration; None without any.
+
+    That one holds the compilation; what it takes longer than the others is counted as such.
+    """
     samples = seconds = 0.0
+    starts = []
     for cell in cells:
         rows = read_rows(cell.path / CSV)
-        if rows:
-            samples += float(rows[-1][STEP])
-            seconds += float(rows[-1].get(SECONDS) or 0.0)
-    return samples / seconds if seconds else None
+        times = [float(row.get(SECONDS) or 0.0) for row in rows]
+        if len(rows) < 2 or times[-1] <= times[0]:
+            continue
+        first, own = int(rows[0][STEP]), int(rows[-1][STEP]) - int(rows[0][STEP])
+        samples, seconds = samples + own, seconds + times[-1] - times[0]
+        starts.append(IMPORTS + max(0.0, times[0] - first * (times[-1] - times[0]) / own))
+    return Measured(samples / seconds, sum(starts) / len(starts)) if starts else None

@@ -1,49 +1,115 @@
-"""How long a sweep will take, before and while it runs."""
+"""How long a sweep will take, before and while it runs: compiling, training, and evaluating."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 from rich.table import Table
 
-from loco_mjx.compare.cells import Cell, measured_rate
+from loco_mjx.compare.cells import Cell, measured
 from loco_mjx.run import machine
 from loco_mjx.run.progress import duration
 
-Rates = Mapping[str, float | None]
+# Seconds, as measured on two cores; compilation uses one, so that more of them change little.
+START = {False: 50.0, True: 110.0}  # of `train`, without and with depth: imports and compilation, no program cached
+START_AGAIN = 25.0  # the same where another seed's programs are
+EVALUATE = 25.0  # of `evaluate`
+STEP = 0.0025  # a control step of few episodes side by side, on a CPU
+EVALUATED = 4.0  # samples evaluated in the time of one that is learnt from
 
 
-def rates(cells: Sequence[Cell]) -> Rates:
-    """Samples per second that cells will train at, by policy.
+@dataclass(frozen=True)
+class Pace:
+    """How fast cells of a policy are trained.
 
-    What cells of the same policy did here, else what a CPU does; None where there is a GPU that nothing has run on.
+    Attributes:
+        rate: samples per second.
+        start: seconds of a run before its first sample: imports and compilation.
+        again: the same of further seeds.
+        evaluating: whether evaluations while training come on top, or are in the rate.
+    """
+
+    rate: float
+    start: float
+    again: float
+    evaluating: bool
+
+
+Paces = Mapping[str, Pace | None]
+
+
+def paces(cells: Sequence[Cell]) -> Paces:
+    """How fast cells will be trained, by policy.
+
+    As cells of the same policy were here, else as a CPU does it; None where there is a GPU that nothing has run on.
     """
     from loco_mjx.cli.train import CPU_RATE
 
-    found: dict[str, float | None] = {}
+    found: dict[str, Pace | None] = {}
     for policy in dict.fromkeys(cell.variant.policy for cell in cells):
         group = [cell for cell in cells if cell.variant.policy == policy]
-        on_cpu = CPU_RATE[group[0].config.env.observation.depth.enabled] * machine.cores()
-        found[policy] = measured_rate(group) or (None if shutil.which("nvidia-smi") else on_cpu)
+        depth = group[0].config.env.observation.depth.enabled
+        here = measured(group)
+        if here is not None:
+            found[policy] = Pace(here.rate, here.start, here.start, False)
+        elif shutil.which("nvidia-smi"):
+            found[policy] = None
+        else:
+            found[policy] = Pace(CPU_RATE[depth] * machine.cores(), START[depth], START_AGAIN, True)
     return found
 
 
-def seconds_left(cells: Sequence[Cell], known: Rates) -> float | None:
-    """Time to train what is left of some cells; None if that is not known of one of them."""
-    left = 0.0
+def seconds_left(
+    cells: Sequence[Cell],
+    known: Paces,
+    done: Mapping[str, int] | None = None,
+    begun: Collection[str] = (),
+) -> float | None:
+    """Time for what is left of some cells, one after the other; None if that is not known of one of them.
+
+    Args:
+        cells: to finish.
+        known: from :func:`paces`.
+        done: samples trained so far, by a cell's name; None: as their curves have it.
+        begun: names of cells that train by now, which have compiled.
+    """
+    left, compiled = 0.0, set()
     for cell in cells:
-        rate = known[cell.variant.policy]
-        if rate is None:
+        pace = known[cell.variant.policy]
+        if pace is None:
             return None
-        left += (cell.samples - cell.done()) / rate
+        samples = cell.samples - (cell.done() if done is None else done[cell.name])
+        if samples > 0:
+            if cell.name not in begun:
+                left += pace.again if (cell.task, cell.variant) in compiled else pace.start
+            left += samples / pace.rate
+            left += samples / cell.samples * _evaluations(cell, pace) if pace.evaluating else 0.0
+            compiled.add((cell.task, cell.variant))
+        left += len(cell.unevaluated()) * (EVALUATE + _episodes(cell, cell.episodes, pace))
     return left
+
+
+def _evaluations(cell: Cell, pace: Pace) -> float:
+    """Seconds of the evaluations while a cell trains."""
+    if not cell.loop.evaluations:
+        return 0.0
+    count = min(cell.loop.evaluations + 1, cell.config.ppo.iterations)
+    return count * _episodes(cell, cell.loop.evaluation_episodes, pace)
+
+
+def _episodes(cell: Cell, episodes: int, pace: Pace) -> float:
+    """Seconds of episodes side by side, if none ends early."""
+    return cell.config.env.horizon * max(STEP, episodes / (EVALUATED * pace.rate))
 
 
 def overview(cells: Sequence[Cell], finished: Sequence[Cell]) -> Table:
     """What will run, and how long; one line per task and policy."""
-    known = rates(cells)
-    table = Table(title=_title(cells, finished, known), title_justify="left", caption=_caption(cells))
+    known = paces(cells)
+    table = Table(
+        title=_title(cells, finished, known), title_justify="left", caption=_caption(cells), caption_justify="left"
+    )
     table.add_column("task", no_wrap=True)
     table.add_column("policy", overflow="fold")
     table.add_column("seeds", overflow="fold", justify="right")
@@ -68,17 +134,18 @@ def say_time(seconds: float | None) -> str:
     return "not known yet" if seconds is None else "done" if seconds == 0 else f"about {duration(seconds)}"
 
 
-def _title(cells: Sequence[Cell], finished: Sequence[Cell], known: Rates) -> str:
+def _title(cells: Sequence[Cell], finished: Sequence[Cell], known: Paces) -> str:
     todo = [cell for cell in cells if cell not in finished]
     time = say_time(seconds_left(todo, known))
-    return f"{len(cells)} runs, {len(finished)} of them finished; training: {time}"
+    return f"{len(cells)} runs, {len(finished)} of them finished; time left: {time}"
 
 
 def _caption(cells: Sequence[Cell]) -> str:
-    """What every run is evaluated on at its end."""
+    """What every run is evaluated on at its end, and what the times are."""
     if all(cell.eval_tasks == (cell.task,) for cell in cells):
         where = "the task it is trained on"
     else:
         lists = dict.fromkeys(", ".join(cell.eval_tasks) for cell in cells)
         where = next(iter(lists)) if len(lists) == 1 else "the tasks of its experiment"
-    return f"each evaluated on {where}, {cells[0].episodes} episodes"
+    times = "times are estimates, compilation and evaluations included"
+    return f"each evaluated on {where}, {cells[0].episodes} episodes; {times}"

@@ -12,10 +12,12 @@ from typing import Any, Protocol
 
 from rich.console import Console
 
+from loco_mjx.compare import methods
 from loco_mjx.compare.cells import Cell
 from loco_mjx.compare.estimate import overview
 from loco_mjx.compare.execute import Runner, run_cell, run_command
 from loco_mjx.compare.progress import Progress, shown
+from loco_mjx.compare.results import Run
 from loco_mjx.errors import UserError
 
 Ended = Callable[[Cell, str | None], None]  # takes a cell that has ended, and what went wrong, or None
@@ -53,7 +55,7 @@ class Local:
         """Runs cells in their order."""
         for i, cell in enumerate(cells):
             left = progress.time_left(cells[i:])
-            progress.say(f"{cell.name}: {i + 1} of {len(cells)}; time left for training: {left}")
+            progress.say(f"{cell.name}: {i + 1} of {len(cells)}; time left: {left}")
             ended(cell, run_cell(cell, self.run, partial(progress.tick, [cell])))
 
 
@@ -85,7 +87,7 @@ def split(cells: Sequence[Cell]) -> tuple[list[Cell], list[tuple[Cell, str]]]:
 
 
 def sweep(cells: Sequence[Cell], console: Console, launcher: Launcher | None = None, dry: bool = False) -> Result:
-    """Shows what will run and how long, runs it, and says how it ended.
+    """Shows what will run and how long, runs it, shows what was measured, and says how it ended.
 
     Args:
         cells: to run, in this order.
@@ -106,8 +108,18 @@ def sweep(cells: Sequence[Cell], console: Console, launcher: Launcher | None = N
         console.print(overview(cells, finished))
         if todo and not dry:
             _launch(launcher, cells, todo, console, result)
+    if not dry and (result.ran or result.skipped):
+        _show(result.skipped + result.ran, console)
     _conclude(result, console, dry, len(todo))
     return result
+
+
+def _show(cells: Sequence[Cell], console: Console) -> None:
+    """What was measured of the cells that are finished."""
+    try:
+        console.print(methods.overview(methods.of_runs([Run.of(cell.path, cell.config) for cell in cells])))
+    except UserError as error:  # the runs are finished all the same
+        console.print(f"no summary: {error}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _launch(launcher: Launcher, cells: Sequence[Cell], todo: list[Cell], console: Console, result: Result) -> None:

@@ -38,7 +38,7 @@ class Row:
     """One method of a table.
 
     Attributes:
-        label: the paper's name of it.
+        label: the paper's name of it; LocoTransformer where it prints "Ours".
         variant: ours.
         values: the paper's figures, one per column; None where it prints a dash.
     """
@@ -72,7 +72,7 @@ POLICIES: Mapping[str, Variant] = {
     "Depth-Only": Variant("depth-only"),
     "State-Depth-Concat": Variant("state-depth-concat"),
     "HRL": Variant("hrl"),
-    "Ours": Variant("loco-transformer"),
+    "LocoTransformer": Variant("loco-transformer"),  # the paper prints "Ours"
 }
 THIN, WIDE, METRES, HITS = "Thin Obs.", "Wide Obs.", "Distance moved (m)", "Collisions"
 
@@ -82,7 +82,7 @@ def _rows(*values: tuple[Value | None, ...]) -> tuple[Row, ...]:
     return tuple(Row(label, POLICIES[label], cells) for label, cells in zip(POLICIES, values, strict=True))
 
 
-def _ours(**options: int) -> Variant:
+def _transformer(**options: int) -> Variant:
     """The transformer with other sizes."""
     return Variant("loco-transformer", tuple((f"network.{key}", str(value)) for key, value in options.items()))
 
@@ -145,11 +145,11 @@ ABLATION = PaperTable(
     f"Ablation on {THIN} & Sph.: N × N visual tokens, L encoder layers",
     (Column("Episode return", RETURN, "thin-sphere", "thin-sphere"),),
     (
-        Row("Ours (N=1)", _ours(tokens_per_side=1), ((1204.8, 243.6),)),
-        Row("Ours (N=2)", _ours(tokens_per_side=2), ((1418.1, 167.8),)),
-        Row("Ours (N=4, L=2)", _ours(), ((1551.5, 120.4),)),
-        Row("Ours (L=1)", _ours(layers=1), ((1509.7, 244.8),)),
-        Row("Ours (L=3)", _ours(layers=3), ((1423.5, 100.7),)),
+        Row("LocoTransformer (N=1)", _transformer(tokens_per_side=1), ((1204.8, 243.6),)),
+        Row("LocoTransformer (N=2)", _transformer(tokens_per_side=2), ((1418.1, 167.8),)),
+        Row("LocoTransformer (N=4, L=2)", _transformer(), ((1551.5, 120.4),)),
+        Row("LocoTransformer (L=1)", _transformer(layers=1), ((1509.7, 244.8),)),
+        Row("LocoTransformer (L=3)", _transformer(layers=3), ((1423.5, 100.7),)),
     ),
 )
 MOUNTAIN = PaperTable(

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from rich.console import Console
 
 from loco_mjx.compare.cells import Cell
-from loco_mjx.compare.estimate import rates, say_time, seconds_left
+from loco_mjx.compare.estimate import Paces, paces, say_time, seconds_left
 from loco_mjx.run.progress import Reporter
 
 
@@ -20,8 +20,11 @@ class Progress:
         """Starts at what the cells have been trained on so far."""
         self._cells = cells
         self._done = {cell.name: cell.done() for cell in cells}
+        self._start = dict(self._done)
         self._before = self._shown = sum(self._done.values())
         self._begin = time.monotonic()
+        self._paces: Paces = paces(cells)
+        self._left, self._at_once = list(cells), 1
         self._reporter = Reporter(console, sum(cell.samples for cell in cells), self._before)
 
     def say(self, text: str) -> None:
@@ -29,9 +32,9 @@ class Progress:
         self._reporter.say(text)
 
     def time_left(self, cells: Sequence[Cell], at_once: int = 1) -> str:
-        """How long some cells will train yet, so many of them at once."""
-        seconds = seconds_left(cells, rates(self._cells))
-        return say_time(None if seconds is None else seconds / at_once)
+        """How long some cells will take yet, so many of them at once."""
+        self._paces, self._left, self._at_once = paces(self._cells), list(cells), at_once
+        return say_time(self._seconds_left())
 
     def tick(self, running: Sequence[Cell]) -> None:
         """Looks at the curves of the cells that run, and shows what has changed."""
@@ -39,7 +42,14 @@ class Progress:
         done = sum(self._done.values())
         if done > self._shown:
             self._shown = done
-            self._reporter.update(done, (done - self._before) / max(time.monotonic() - self._begin, 1e-3), {})
+            rate = (done - self._before) / max(time.monotonic() - self._begin, 1e-3)
+            self._reporter.update(done, rate, {}, left=self._seconds_left())
+
+    def _seconds_left(self) -> float | None:
+        """Of the cells that were last asked for, since when some may have been trained on."""
+        begun = {name for name, samples in self._done.items() if samples > self._start[name]}
+        seconds = seconds_left(self._left, self._paces, self._done, begun)
+        return None if seconds is None else seconds / min(self._at_once, len(self._left) or 1)
 
     def close(self) -> None:
         """Ends the live display."""

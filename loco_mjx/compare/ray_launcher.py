@@ -122,7 +122,7 @@ class OnRay:
                 for one in found:
                     ended(tasks[one], self._problem(ray, one))
                     cell = tasks.pop(one)
-                    text = f"{cell.name}: ended, {len(cells) - len(tasks)} of {len(cells)}; time left for training: "
+                    text = f"{cell.name}: ended, {len(cells) - len(tasks)} of {len(cells)}; time left: "
                     progress.say(text + progress.time_left([*tasks.values()], at_once))
                 progress.tick([*tasks.values()])
         except BaseException:

@@ -1,38 +1,88 @@
-"""The filled tables as Markdown and as LaTeX."""
+"""What a directory holds, as Markdown and as LaTeX: a summary, each task's evaluations, the paper's tables."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import dataclass
 
+from loco_mjx.compare import methods
+from loco_mjx.compare.methods import Method
 from loco_mjx.compare.paper import Column, Value
 from loco_mjx.compare.results import Evaluation
 from loco_mjx.compare.tables import FilledCell, FilledTable, Findings
+from loco_mjx.evaluation.shown import DISTANCE, LEADING, NOTHING
 
 EXPLANATION = (
-    "Ours: mean ± standard deviation over seeds of each seed's mean over episodes, acting by the policy's mean, "
-    "without randomisation; with one seed there is no deviation to give. Beside it the paper's figure. Both deviations "
-    "are the population's. Samples, seeds and episodes of each evaluation are those that ours stand on."
+    "Mean ± standard deviation over seeds of each seed's mean over episodes, acting by the policy's mean, without "
+    "randomisation; with one seed there is no deviation to give. In the paper's tables its figure stands beside that "
+    "of loco-mjx; both deviations are the population's. Samples, seeds and episodes of each evaluation are those that "
+    "the figures of loco-mjx stand on. The first 16 s are what 1,000 steps of the authors' code last."
 )
-NOTHING = "–"
+OURS, THEIRS = "loco-mjx", "paper"
 _ESCAPED = {"&": r"\&", "%": r"\%", "_": r"\_", "#": r"\#"}
+_SYMBOLS = {" ± ": r" $\pm$ ", "↑": r"$\uparrow$", "↓": r"$\downarrow$", "→": r"$\to$", "×": r"$\times$"}
+_SYMBOLS |= {"–": "--", "—": "---"}
+
+
+@dataclass(frozen=True)
+class Block:
+    """A table of words.
+
+    Attributes:
+        title: of it.
+        head: of its columns.
+        rows: of words, as many as the head has.
+    """
+
+    title: str
+    head: list[str]
+    rows: list[list[str]]
 
 
 def markdown(findings: Findings) -> str:
-    """Every table as Markdown."""
-    parts = ["# The paper's tables, ours beside the paper's\n", EXPLANATION + "\n"]
-    parts += [_markdown_table(filled) for filled in findings.tables]
+    """Everything as Markdown."""
+    first, *others = blocks(findings.methods)
+    parts = ["# Results\n", f"## {first.title}\n\n{_markdown(first)}", EXPLANATION + "\n", "## By task\n"]
+    parts += [f"### {block.title}\n\n{_markdown(block)}" for block in others]
+    parts += ["## The paper's tables\n", *(_markdown_table(filled) for filled in findings.tables)]
+    if findings.empty:
+        parts.append(f"{_left_out(findings)}.\n")
     if findings.notes:
         parts.append("## Runs\n\n" + _bullets(findings.notes))
     return "\n".join(parts)
 
 
 def latex(findings: Findings) -> str:
-    """Every table as LaTeX; it needs the package booktabs."""
+    """Everything as LaTeX; it needs the package booktabs."""
     parts = [f"% {EXPLANATION}", "% Needs \\usepackage{booktabs}.", ""]
+    parts += [_latex_block(block) for block in blocks(findings.methods)]
     parts += [_latex_table(filled) for filled in findings.tables]
+    parts += [f"% {_left_out(findings)}"] if findings.empty else []
     parts += [f"% {note}" for note in findings.notes]
     return "\n".join(parts) + "\n"
+
+
+def blocks(found: Sequence[Method]) -> list[Block]:
+    """The summary, policy × task with one metric; then all metrics, a table for each task."""
+    places = methods.places(found)
+    at = {(one.label, one.where): one for one in found}
+    figures = {key: one.figure(DISTANCE) for key, one in at.items()}
+    rows = [[label, *(figures.get((label, place), NOTHING) for place in places)] for label in methods.labels(found)]
+    summary = Block(f"Summary: {DISTANCE.label} ({DISTANCE.unit})", ["policy", *places], rows)
+    each = [
+        Block(place, ["policy", *methods.heads()], [_method(one) for one in found if one.where == place])
+        for place in places
+    ]
+    return [summary, *each]
+
+
+def _method(one: Method) -> list[str]:
+    return [one.label, *(one.figure(shown) for shown in LEADING), *methods.basis(one)]
+
+
+def _left_out(findings: Findings) -> str:
+    names = [f"{table.number} ({table.title})" for table in findings.empty]
+    return f"Left out, since nothing of them has been evaluated: tables of the paper {', '.join(names)}"
 
 
 def ours(cell: FilledCell) -> str:
@@ -78,18 +128,25 @@ def _arrow(column: Column) -> str:
     return "↑" if column.higher else "↓"
 
 
+def _markdown(block: Block) -> str:
+    lines = [block.head, ["---"] * len(block.head), *block.rows]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
 def _markdown_table(filled: FilledTable) -> str:
     head = ["method"]
     for column in filled.table.columns:
-        head += [f"{column.title} {_arrow(column)}: ours", "paper"]
-    head += ["samples", "seeds", "episodes"]
-    lines = [head, ["---"] * len(head)]
-    for row, cells in zip(filled.table.rows, filled.cells, strict=True):
-        figures = [word for cell in cells for word in (ours(cell), printed(cell.paper))]
-        lines.append([row.label, *figures, *_basis_words(cells)])
-    body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        head += [f"{column.title} {_arrow(column)}: {OURS}", THEIRS]
+    body = _markdown(Block("", [*head, "samples", "seeds", "episodes"], _rows(filled)))
     notes = "\n" + _bullets(filled.notes) if filled.notes else ""
-    return f"## Table {filled.table.number}. {filled.table.title}\n\n{body}\n{notes}"
+    return f"### Table {filled.table.number}. {filled.table.title}\n\n{body}{notes}"
+
+
+def _rows(filled: FilledTable) -> list[list[str]]:
+    return [
+        [row.label, *(word for cell in cells for word in (ours(cell), printed(cell.paper))), *_basis_words(cells)]
+        for row, cells in zip(filled.table.rows, filled.cells, strict=True)
+    ]
 
 
 def _bullets(notes: Sequence[str]) -> str:
@@ -99,31 +156,29 @@ def _bullets(notes: Sequence[str]) -> str:
 def _latex_table(filled: FilledTable) -> str:
     columns = filled.table.columns
     groups = [f"\\multicolumn{{2}}{{c}}{{{_tex(c.title)} {_tex(_arrow(c))}}}" for c in columns]
-    lines = [
-        "\\begin{table}",
-        "\\centering\\small",
-        f"\\caption{{{_tex(filled.table.title)} (the paper's \\texttt{{{filled.table.source}}}).}}",
-        f"\\begin{{tabular}}{{l{'rr' * len(columns)}rrr}}",
-        "\\toprule",
-        _line(["", *groups, "", "", ""]),
-        _line(["Method", *(["ours", "paper"] * len(columns)), "samples", "seeds", "episodes"]),
-        "\\midrule",
-    ]
-    for row, cells in zip(filled.table.rows, filled.cells, strict=True):
-        figures = [word for cell in cells for word in (ours(cell), printed(cell.paper))]
-        lines.append(_line([_tex(word) for word in (row.label, *figures, *_basis_words(cells))]))
-    lines += ["\\bottomrule", "\\end{tabular}", "\\end{table}", *(f"% {note}" for note in filled.notes), ""]
-    return "\n".join(lines)
+    head = ["Method", *([OURS, THEIRS] * len(columns)), "samples", "seeds", "episodes"]
+    caption = f"{_tex(filled.table.title)} (the paper's \\texttt{{{filled.table.source}}})"
+    above = [_line(["", *groups, "", "", ""])]
+    text = _latex(caption, f"l{'rr' * len(columns)}rrr", above, head, _rows(filled))
+    return "\n".join([text, *(f"% {note}" for note in filled.notes), ""])
 
 
-def _line(words: Sequence[Any]) -> str:
+def _latex_block(block: Block) -> str:
+    return _latex(_tex(block.title), "l" + "r" * (len(block.head) - 1), [], block.head, block.rows) + "\n"
+
+
+def _latex(caption: str, places: str, above: list[str], head: list[str], rows: list[list[str]]) -> str:
+    lines = ["\\begin{table}", "\\centering\\small", f"\\caption{{{caption}.}}", f"\\begin{{tabular}}{{{places}}}"]
+    lines += ["\\toprule", *above, _line([_tex(word) for word in head]), "\\midrule"]
+    lines += [_line([_tex(word) for word in row]) for row in rows]
+    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", "\\end{table}"])
+
+
+def _line(words: Sequence[str]) -> str:
     return " & ".join(words) + r" \\"
 
 
 def _tex(text: str) -> str:
-    for plain, escaped in _ESCAPED.items():
-        text = text.replace(plain, escaped)
-    symbols = {" ± ": r" $\pm$ ", "↑": r"$\uparrow$", "↓": r"$\downarrow$", "×": r"$\times$", "–": "--"}
-    for plain, escaped in symbols.items():
+    for plain, escaped in (_ESCAPED | _SYMBOLS).items():
         text = text.replace(plain, escaped)
     return text

@@ -12,7 +12,7 @@ import numpy as np
 from loco_mjx.compare.variant import METHOD_KEYS, Variant, default_keys
 from loco_mjx.config import Config, to_dict
 from loco_mjx.errors import UserError
-from loco_mjx.run.directory import CONFIG, INFO, flatten, load_config, read_json
+from loco_mjx.run.directory import CONFIG, INFO, TEACHER, flatten, load_config, read_json
 
 # Packages that what a robot does depends on.
 COMPARED = ("loco-mjx", "mujoco", "mujoco-mjx", "jax")
@@ -33,6 +33,11 @@ class Run:
     path: Path
     config: Config
     flat: dict[str, Any]
+
+    @classmethod
+    def of(cls, path: Path, config: Config) -> Run:
+        """The run of a configuration in a directory."""
+        return cls(path, config, flatten(to_dict(config)))
 
     @property
     def samples(self) -> int:
@@ -93,8 +98,9 @@ def find_runs(folder: Path) -> list[Run]:
         raise UserError(f"{folder} is no directory; give one that `loco-mjx sweep` or `loco-mjx train` wrote")
     runs = []
     for path in sorted(folder.rglob(CONFIG)):
-        config = load_config(path.parent)
-        runs.append(Run(path.parent, config, flatten(to_dict(config))))
+        if path.parent.name == TEACHER and path.parent != folder:  # part of the run that learnt from it
+            continue
+        runs.append(Run.of(path.parent, load_config(path.parent)))
     if not runs:
         raise UserError(f"no runs in {folder}; give a directory that `loco-mjx sweep` or `loco-mjx train` wrote")
     return runs

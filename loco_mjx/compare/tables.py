@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from loco_mjx.compare import paper, results
+from loco_mjx.compare.methods import Method, methods
 from loco_mjx.compare.paper import Column, PaperTable, Row, Value
 from loco_mjx.compare.results import Evaluation, OverSeeds, Run
 from loco_mjx.errors import UserError
@@ -32,7 +33,7 @@ class FilledTable:
     """A table of the paper with our figures.
 
     Attributes:
-        table: of the paper.
+        table: of the paper, without the columns of which nothing was evaluated.
         cells: one tuple per row.
         notes: what is missing or was left out, a sentence each.
     """
@@ -47,11 +48,15 @@ class Findings:
     """What a directory holds.
 
     Attributes:
-        tables: all of the paper's.
+        methods: what was measured of each.
+        tables: those of the paper of which something was evaluated.
+        empty: the others.
         notes: about the whole directory.
     """
 
+    methods: tuple[Method, ...]
     tables: tuple[FilledTable, ...]
+    empty: tuple[PaperTable, ...]
     notes: tuple[str, ...]
 
 
@@ -83,20 +88,39 @@ def fill(folder: Path, mixed_versions: bool = False) -> Findings:
     if not mixed_versions:
         versions = [(one.path, one.versions) for one in evaluations]
         results.check_versions(versions, "evaluate the runs again with one version")
-    tables = tuple(_fill_table(table, runs, evaluations) for table in paper.TABLES)
-    return Findings(tables, tuple(_overall(runs, evaluations, tables)))
+    measured = methods(evaluations)
+    tables = {table: _fill_table(table, runs, evaluations) for table in paper.TABLES}
+    return Findings(
+        measured,
+        tuple(filled for filled in tables.values() if filled.table.columns),
+        tuple(table for table, filled in tables.items() if not filled.table.columns),
+        tuple(_overall(runs, evaluations)),
+    )
 
 
 def _fill_table(table: PaperTable, runs: Sequence[Run], evaluations: Sequence[Evaluation]) -> FilledTable:
+    """The table without the columns of which nothing was evaluated."""
+    evaluated = {(one.run.config.env.task, one.task) for one in evaluations if _has_place(one.run, table)}
+    kept = [i for i, column in enumerate(table.columns) if (column.trained_on, column.evaluated_on) in evaluated]
+    rows = tuple(replace(row, values=tuple(row.values[i] for i in kept)) for row in table.rows)
+    shorter = replace(table, columns=tuple(table.columns[i] for i in kept), rows=rows)
     notes = _Notes()
+    for column in table.columns:
+        if column not in shorter.columns:
+            notes.add(f"left out: {column.title}: nothing evaluated")
     cells = tuple(
         tuple(
             _fill_cell(row, column, value, runs, evaluations, notes)
-            for column, value in zip(table.columns, row.values, strict=True)
+            for column, value in zip(shorter.columns, row.values, strict=True)
         )
-        for row in table.rows
+        for row in rows
     )
-    return FilledTable(table, cells, tuple(notes.lines))
+    return FilledTable(shorter, cells, tuple(notes.lines))
+
+
+def _has_place(run: Run, table: PaperTable) -> bool:
+    """Whether a run is of one of the table's methods."""
+    return any(row.variant.matches(run.flat) for row in table.rows)
 
 
 def _fill_cell(
@@ -130,7 +154,7 @@ def _fill_cell(
     return FilledCell(value, ours, tuple(used))
 
 
-def _overall(runs: Sequence[Run], evaluations: Sequence[Evaluation], tables: Sequence[FilledTable]) -> list[str]:
+def _overall(runs: Sequence[Run], evaluations: Sequence[Evaluation]) -> list[str]:
     """Runs that are not finished, and those that no table of the paper has a place for."""
     notes = []
     for run in runs:
@@ -138,9 +162,9 @@ def _overall(runs: Sequence[Run], evaluations: Sequence[Evaluation], tables: Seq
         if newest < run.samples:
             how = f"evaluated at {newest:,} of its {run.samples:,} samples" if newest else "not evaluated"
             notes.append(f"unfinished: {run.path}: {how}")
-    rows = [(row, column) for table in tables for row in table.table.rows for column in table.table.columns]
     for run in runs:
-        if not any(run.config.env.task == c.trained_on and r.variant.matches(run.flat) for r, c in rows):
+        tables = [table for table in paper.TABLES if run.config.env.task in {c.trained_on for c in table.columns}]
+        if not any(_has_place(run, table) for table in tables):
             label = results.variant_of(run.flat).label
             notes.append(f"in no table of the paper: {run.path} ({label} on {run.config.env.task})")
     return notes

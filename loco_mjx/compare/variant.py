@@ -14,6 +14,7 @@ from loco_mjx.run.directory import flatten
 
 # Keys that make another method of the same policy; the other keys are how it was trained.
 METHOD_KEYS = (
+    "method",
     "network.tokens_per_side",
     "network.layers",
     "network.token_dim",
@@ -91,7 +92,7 @@ def parse_change(text: str) -> tuple[str, str]:
     if not key or not value:
         raise UserError(f"'{text}' changes nothing; accepted: KEY=VALUE, e.g. layers=1 or ppo.clip=0.1")
     key = key.replace("-", "_")
-    key = key if "." in key else _NETWORK + key
+    key = key if "." in key or key == "method" else _NETWORK + key
     known = default_keys()
     if key in GIVEN:
         raise UserError(f"'{key}' is given by {GIVEN[key]}; change another key")

@@ -18,12 +18,13 @@ import numpy as np
 from flax import struct
 
 from loco_mjx.config import DepthConfig
-from loco_mjx.depth.primitives import Rays, larger, smaller
+from loco_mjx.depth.primitives import Rays, larger, reciprocal, smaller
 from loco_mjx.scene.types import Terrain
 
 LINES = 96
 PIECES = 2  # into which the interval of a ray's hit is divided
-FINE_STEP, FINE_UNTIL, COARSE_STEP = 0.05, 1.6, 0.1  # m, spacing of a line's samples for a level camera
+STEP = 0.05  # m, spacing of a line's samples for a level camera
+NEAREST = (0.01, 0.025, 0.04, 0.06, 0.08)  # m, the first samples: a wall may stand right ahead
 WIDEST = 3.0  # largest tangent of a line
 SHORTEST = 0.05  # smallest component of a ray along the heading: for rays that look straight down, or back
 NOTHING = -1e9  # slope to where there is no terrain
@@ -145,11 +146,18 @@ def _refine(ground: Ground, height: jax.Array, rays: Slopes, near: jax.Array, fa
     return hit
 
 
+def _entry(ground: Ground, tangent: jax.Array) -> jax.Array:
+    """Distance at which rays come onto the grid: no hit is nearer, though the sampled heights go on beyond the edge."""
+    entry = jp.zeros_like(tangent)
+    for speed, place, count in zip(ground.velocity(tangent), ground.position, ground.shape, strict=True):
+        inverse = reciprocal(speed)
+        entry = larger(smaller(-place * inverse, (count - 1.0 - place) * inverse), entry)
+    return entry
+
+
 def _distances(far: float) -> jax.Array:
     """Distances of a line's samples, m, for rays whose component along the heading is at most 1."""
-    fine = np.arange(2 * FINE_STEP, FINE_UNTIL - 1e-6, FINE_STEP)
-    coarse = np.arange(FINE_UNTIL, far + COARSE_STEP, COARSE_STEP)
-    return jp.asarray(np.concatenate([fine, coarse]), jp.float32)
+    return jp.asarray(np.concatenate([NEAREST, np.arange(2 * STEP, far + STEP, STEP)]), jp.float32)
 
 
 def cast(terrain: Terrain, origin: jax.Array, rotation: jax.Array, rays: Rays, config: DepthConfig) -> jax.Array:
@@ -163,7 +171,8 @@ def cast(terrain: Terrain, origin: jax.Array, rotation: jax.Array, rays: Rays, c
         config: ``far`` and the image's size are read.
 
     Returns:
-        (pixels,) planar depth, m; within centimetres except along silhouettes.
+        (pixels,) planar depth, m; within centimetres except along silhouettes. A crest that is one cell wide may be
+        missed where it falls between samples or, farther than about 5 m, between lines.
     """
     ground = see(terrain, origin, rotation)
     along = larger(rays.x * ground.heading[0] + rays.y * ground.heading[1], SHORTEST)
@@ -184,5 +193,6 @@ def cast(terrain: Terrain, origin: jax.Array, rotation: jax.Array, rays: Rays, c
     far = _take(distances, jp.minimum(below, distances.size - 1))
     margin = 0.5 * (far - near)
     distance = _refine(ground, origin[2], slopes, larger(near - margin, 0.0), far + margin)
+    distance = larger(distance, _entry(ground, slopes.tangent))
     depth = distance * depth_per_distance
     return jp.where((below < distances.size) & (depth < config.far), depth, config.far)

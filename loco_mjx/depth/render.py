@@ -56,6 +56,18 @@ class View:
     terrain: Terrain | None
 
 
+def _order(in_view: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Indices (N,) of (N,) flags that are set, as they come, then N; and how many are set.
+
+    Not a sort, whose cost grows with the scene's length. There are as many places as flags: none is ever left out.
+    """
+    number = in_view.shape[0]
+    place = jp.cumsum(in_view, dtype=jp.int32)
+    order = jp.full((number,), number, jp.int32)
+    order = order.at[jp.where(in_view, place - 1, number)].set(jp.arange(number, dtype=jp.int32), mode="drop")
+    return order, jp.sum(in_view, dtype=jp.int32)
+
+
 def _gather(in_view: jax.Array, center: jax.Array, *sizes: jax.Array) -> Shapes:
     """Shapes from (N,) flags, (N, 3) centres and parameters of shape (N,) or (N, n).
 
@@ -65,11 +77,11 @@ def _gather(in_view: jax.Array, center: jax.Array, *sizes: jax.Array) -> Shapes:
     columns = [size.reshape(number, -1) for size in sizes] if number else []
     params = jp.concatenate([center, *columns], axis=1)
     void = jp.where(jp.arange(params.shape[1]) < 3, 0.0, -1.0)
-    params = jp.where(in_view[:, None], params, void)[jp.argsort(~in_view)]
     block = max(1, min(BLOCK, number))
-    padding = jp.broadcast_to(void, (-number % block, void.size))
-    params = jp.concatenate([params, padding]).reshape(-(-number // block), block, void.size)
-    return Shapes(params, jp.sum(in_view, dtype=jp.int32))
+    order, count = _order(in_view)
+    order = jp.concatenate([order, jp.full((-number % block,), number, jp.int32)])
+    params = jp.concatenate([params, void[None]]).at[order].get(mode="promise_in_bounds")
+    return Shapes(params.reshape(-1, block, void.size), count)
 
 
 def _gather_boxes(planes: tuple[jax.Array, jax.Array], boxes: Boxes, origin: jax.Array) -> tuple[Shapes, Shapes]:

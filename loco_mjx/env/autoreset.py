@@ -6,11 +6,14 @@ reset carries ``info["reset"] = 1`` and is to be left out of the loss. (Gymnasiu
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Protocol
 
 import jax
 import jax.numpy as jp
-from brax.envs.base import State
+
+from loco_mjx.env.renewal import renew
+from loco_mjx.env.state import State
 
 
 class ResettableEnv(Protocol):
@@ -65,6 +68,5 @@ def step(env: ResettableEnv, state: State, action: jax.Array, pool: Any) -> Stat
     sums["length"] = state.info["episode"]["length"] + 1.0
     sums["return"] = state.info["episode"]["return"] + stepped.reward
     stepped = stepped.replace(info=stepped.info | {"reset": jp.zeros(()), "episode": sums})
-    fresh = _begin(env, state.info["reset_key"], pool)
-    done = state.done > 0
-    return env.observe(jax.tree.map(lambda new, old: jp.where(done, new, old), fresh, stepped))
+    begin = partial(_begin, env)
+    return env.observe(renew(begin, state.done > 0, state.info["reset_key"], stepped, pool))

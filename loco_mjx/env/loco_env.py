@@ -2,39 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import jax
 import jax.numpy as jp
-from brax.envs.base import State
-from flax import struct
 
 from loco_mjx import a1
 from loco_mjx.config import EnvConfig
 from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
 from loco_mjx.env import observation as obs_lib
-from loco_mjx.env import randomization, reward
+from loco_mjx.env import privileged, randomization, reward
+from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
 from loco_mjx.physics.step import Outcome, PhysicsState, control_step, initial_state
 from loco_mjx.scene import motion, pool, query, surface
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
-
-
-@struct.dataclass
-class World:
-    """The simulation's state.
-
-    Attributes:
-        physics: positions and velocities of the robot.
-        scene: the world it walks in.
-        randomization: this episode's dynamics and latency.
-    """
-
-    physics: PhysicsState
-    scene: Scene
-    randomization: randomization.Randomization
 
 
 class LocoEnv:
@@ -67,6 +52,8 @@ class LocoEnv:
         sizes: dict[str, tuple[int, ...]] = {"state": (obs.state_size,)}
         if depth.enabled:
             sizes["pixels/depth"] = (depth.height, depth.width, depth.frames)
+        if obs.privileged:
+            sizes["privileged"] = (privileged.SIZE,)
         return sizes
 
     @property
@@ -101,18 +88,17 @@ class LocoEnv:
         """The first state of an episode in the given scene, without its observation."""
         place_key, robot_key, episode_key = jax.random.split(key, 3)
         qpos = self._start_pose(place_key, scene)
-        world = World(initial_state(qpos), scene, randomization.draw(robot_key, self.config))
-        info = {
-            "key": episode_key,
-            "steps": jp.zeros((), jp.int32),
-            "truncation": jp.zeros(()),
-            "start": qpos[:3],
-            "first_obstacle": query.first_obstacle_x(scene),
-            "last_action": jp.zeros(12),
-            "history": obs_lib.first_history(self.config.observation),
-        }
+        episode = Episode(
+            step=jp.zeros((), jp.int32),
+            start=qpos[:3],
+            first_obstacle=query.first_obstacle_x(scene),
+            last_action=jp.zeros(12),
+            history=obs_lib.first_history(self.config.observation),
+        )
+        world = World(initial_state(qpos), scene, randomization.draw(robot_key, self.config), episode)
+        info = {"key": episode_key, "truncation": jp.zeros(())}
         blank = {name: jp.zeros(shape) for name, shape in self.observation_size.items()}
-        return State(world, blank, jp.zeros(()), jp.zeros(()), self._metrics_template(), info)
+        return State(world, blank, jp.zeros(()), jp.zeros(()), self._no_metrics(world), info)
 
     def advance(self, state: State, action: jax.Array) -> State:
         """Physics, reward and termination of one control step; the observation's pixels are left as they were."""
@@ -125,11 +111,11 @@ class LocoEnv:
 
     def next_scene(self, state: State) -> Scene:
         """The scene during the next control step: what moves has moved."""
-        scene: Scene = state.pipeline_state.scene
+        world: World = state.pipeline_state
         if not self.task.moving:
-            return scene
+            return world.scene
         _, motion_key = jax.random.split(state.info["key"])
-        return motion.move(motion.redraw(motion_key, scene, state.info["steps"]), a1.CONTROL_DT)
+        return motion.move(motion.redraw(motion_key, world.scene, world.episode.step), a1.CONTROL_DT)
 
     def conclude(
         self, state: State, scene: Scene, physics: PhysicsState, outcome: Outcome, command: jax.Array
@@ -150,8 +136,8 @@ class LocoEnv:
         physics = _where(finite, physics, before.physics)
         outcome = _where(finite, outcome, jax.tree.map(jp.zeros_like, outcome))
         scene, spheres = query.collect(scene, physics.qpos[:2])
-        world = World(physics, scene, before.randomization)
-        facts = self._facts(before, world, outcome, spheres, command - state.info["last_action"])
+        world = replace(before, physics=physics, scene=scene)
+        facts = self._facts(before, world, outcome, spheres, command - before.episode.last_action)
         return self._result(state, world, outcome, facts, finite, command, key)
 
     def observe(self, state: State) -> State:
@@ -159,7 +145,9 @@ class LocoEnv:
         config, world = self.config.observation, state.pipeline_state
         qpos = world.physics.qpos
         goal = obs_lib.goal_in_base(world.scene.goal, qpos) if config.goal else None
-        obs = {"state": obs_lib.state_vector(state.info["history"], goal)}
+        obs = {"state": obs_lib.state_vector(world.episode.history, goal)}
+        if config.privileged:
+            obs["privileged"] = privileged.observe(world.scene, qpos, world.physics.qvel)
         info = dict(state.info)
         if config.depth.enabled:
             info["key"], blind_key = jax.random.split(state.info["key"])
@@ -167,7 +155,7 @@ class LocoEnv:
             noise = config.depth.noise if config.depth.noise is not None else self.config.randomization.enabled
             if noise:
                 depth = blind_pixels(blind_key, depth, config.depth)
-            first = state.info["steps"] == 0
+            first = world.episode.step == 0
             obs["pixels/depth"] = obs_lib.push_frame(state.obs["pixels/depth"], encode(depth), first)
         return state.replace(obs=obs, info=info)
 
@@ -202,6 +190,7 @@ class LocoEnv:
             torque_squared=outcome.torque_squared,
             spheres=spheres.astype(jp.float32),
             contact=outcome.obstacle_contact.astype(bool),
+            dropped=outcome.dropped.astype(jp.float32),
             action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), 4)) ** 2),
             up=1 - 2 * (x * x + y * y),
             height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
@@ -218,54 +207,54 @@ class LocoEnv:
         key: jax.Array,
     ) -> State:
         terms = reward.rewards(facts, self.config.reward)
-        steps = state.info["steps"] + 1
-        ended = reward.terminated(facts, self.config.termination) | ~finite
-        truncated = (steps >= self.config.horizon) & ~ended
         now = obs_lib.sense(outcome, world.randomization.latency)
         now |= {"displacement": facts.displacement, "last_action": command}
-        info = dict(state.info) | {
-            "key": key,
-            "steps": steps,
-            "truncation": truncated.astype(jp.float32),
-            "last_action": command,
-            "history": obs_lib.push(state.info["history"], now),
-        }
+        episode = replace(
+            world.episode,
+            step=world.episode.step + 1,
+            last_action=command,
+            history=obs_lib.push(world.episode.history, now),
+        )
+        ended = reward.terminated(facts, self.config.termination) | ~finite
+        truncated = (episode.step >= self.config.horizon) & ~ended
+        # What a wrapper keeps among the metrics and in the info stays there.
         return state.replace(
-            pipeline_state=world,
+            pipeline_state=replace(world, episode=episode),
             reward=sum(terms.values()),
             done=(ended | truncated).astype(jp.float32),
-            metrics=self._metrics(state, world, facts, terms, finite),
-            info=info,
+            metrics=state.metrics | self._metrics(state.pipeline_state, world, facts, terms, finite),
+            info=state.info | {"key": key, "truncation": truncated.astype(jp.float32)},
         )
 
     def _metrics(
         self,
-        state: State,
-        world: World,
+        before: World,
+        after: World,
         facts: reward.StepFacts,
         terms: dict[str, jax.Array],
         finite: jax.Array,
     ) -> dict[str, jax.Array]:
         """This step's increments: summed over an episode they are the episode's metrics."""
-        end = world.physics.qpos[:3]
-        start, before = state.info["start"], state.pipeline_state.physics.qpos[:3]
-        straight = jp.linalg.norm(end - start) - jp.linalg.norm(before - start)
+        start, end = before.episode.start, after.physics.qpos[:3]
+        straight = jp.linalg.norm(end - start) - jp.linalg.norm(before.physics.qpos[:3] - start)
         contact = facts.contact.astype(jp.float32)
-        passed = end[0] > state.info["first_obstacle"]
+        passed = end[0] > before.episode.first_obstacle
         return {
             "distance": straight if self.task.toward_goal else facts.displacement[0],
             "progress": facts.forward,
             "speed": facts.forward / a1.CONTROL_DT,
             "collisions": contact * passed,
             "contacts": contact,
+            "contacts/dropped": facts.dropped,
             "spheres": facts.spheres,
             "nonfinite": 1.0 - finite.astype(jp.float32),
         } | {f"reward/{name}": value for name, value in terms.items()}
 
-    def _metrics_template(self) -> dict[str, jax.Array]:
-        names = ["distance", "progress", "speed", "collisions", "contacts", "spheres", "nonfinite"]
-        terms = ["forward", "energy", "alive", "sphere", "vertical_speed", "collision", "action_rate"]
-        return {name: jp.zeros(()) for name in names + [f"reward/{term}" for term in terms]}
+    def _no_metrics(self, world: World) -> dict[str, jax.Array]:
+        """What :meth:`_metrics` returns, all zeros: the metrics before the first step."""
+        facts = reward.nothing()
+        terms = reward.rewards(facts, self.config.reward)
+        return jax.tree.map(jp.zeros_like, self._metrics(world, world, facts, terms, jp.array(True)))
 
 
 def _all_finite(tree: Any) -> jax.Array:

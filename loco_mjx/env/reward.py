@@ -23,6 +23,7 @@ class StepFacts:
         torque_squared: (), ‖τ‖² averaged over the physics steps, (N·m)².
         spheres: (), spheres collected.
         contact: (), bool, whether the robot touched an obstacle or wall.
+        dropped: (), obstacles within the robot's reach that physics left out.
         action_change: (), ‖u_t − u_{t−1}‖².
         up: (), z of the trunk's up axis.
         height: (), base above the ground beneath it, m.
@@ -33,9 +34,26 @@ class StepFacts:
     torque_squared: jax.Array
     spheres: jax.Array
     contact: jax.Array
+    dropped: jax.Array
     action_change: jax.Array
     up: jax.Array
     height: jax.Array
+
+
+def nothing() -> StepFacts:
+    """The facts of a step in which nothing happens to a robot that lies flat."""
+    zero, no = jp.zeros(()), jp.zeros((), bool)
+    return StepFacts(
+        displacement=jp.zeros(3),
+        forward=zero,
+        torque_squared=zero,
+        spheres=zero,
+        contact=no,
+        dropped=zero,
+        action_change=zero,
+        up=zero,
+        height=zero,
+    )
 
 
 def forward_displacement(before: jax.Array, after: jax.Array, goal: jax.Array, toward_goal: bool) -> jax.Array:

@@ -9,12 +9,14 @@ from typing import Any
 import jax
 import jax.numpy as jp
 import numpy as np
-from brax.envs.base import State
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
+from loco_mjx import a1
 from loco_mjx.config import EnvConfig
+from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
+from loco_mjx.evaluation.shown import PER_METRE
 from loco_mjx.mesh import AXIS, spread
 from loco_mjx.networks import hold
 from loco_mjx.networks.policies import DEPTH, Networks
@@ -22,6 +24,10 @@ from loco_mjx.ppo.inference import make_inference
 
 CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
 ACCELERATOR_CHUNK = 1024
+EARLY_SECONDS = 16.0  # what 1,000 steps of the authors' code last; the paper prints 25 Hz, its code runs at 62.5 Hz
+EARLY_STEPS = round(EARLY_SECONDS / a1.CONTROL_DT)
+EARLY = {"distance": "distance_16s", "collisions": "collisions_16s"}  # metrics that are also summed over that time
+WALKED = 1.0  # m, mean distance below which collisions per metre say nothing
 Figures = dict[str, np.ndarray]
 # The environments, which episodes go on, sums of metrics, the step, and the depth that the policy holds.
 _Carry = tuple[State, jax.Array, dict[str, jax.Array], jax.Array, jax.Array | None]
@@ -99,7 +105,8 @@ class Evaluator:
         start_keys, act_keys = jp.moveaxis(jax.vmap(jax.random.split)(keys), 1, 0)
         state = jax.vmap(self.env.reset)(start_keys)
         zero = jp.zeros(keys.shape[0], jp.float32)
-        sums = dict.fromkeys(state.metrics, zero) | {"return": zero, "length": zero, "survived": zero}
+        early = {name: metric for metric, name in EARLY.items() if metric in state.metrics}
+        sums = dict.fromkeys((*state.metrics, *early, "return", "length", "survived"), zero)
 
         held = None if self.networks.hold == 1 else state.obs[DEPTH]
 
@@ -114,6 +121,7 @@ class Evaluator:
             state = jax.vmap(self.env.step)(state, jax.vmap(act)(seen, step_keys))
             survived = state.done * state.info["truncation"]
             values = state.metrics | {"return": state.reward, "length": jp.ones_like(zero), "survived": survived}
+            values |= {name: jp.where(t < EARLY_STEPS, values[metric], 0.0) for name, metric in early.items()}
             sums = {name: sums[name] + jp.where(alive, values[name], 0.0) for name in sums}
             return state, alive & (state.done == 0), sums, t + 1, None if held is None else seen[DEPTH]
 
@@ -130,10 +138,25 @@ def figures(sums: Mapping[str, np.ndarray]) -> Figures:
 
 
 def means(figures: Figures) -> dict[str, float]:
-    """The mean of each metric over the episodes."""
-    return {name: float(np.mean(values)) for name, values in figures.items()}
+    """The mean of each metric over the episodes, and collisions per metre where the robot walked."""
+    return {name: found["mean"] for name, found in summarize(figures).items()}
 
 
 def summarize(figures: Figures) -> dict[str, dict[str, float]]:
-    """Mean and standard deviation of each metric over the episodes."""
-    return {name: {"mean": float(np.mean(v)), "std": float(np.std(v))} for name, v in figures.items()}
+    """Mean and standard deviation of each metric over the episodes, and collisions per metre where the robot walked."""
+    found = {name: {"mean": float(np.mean(v)), "std": float(np.std(v))} for name, v in figures.items()}
+    return found | _per_metre(figures)
+
+
+def _per_metre(figures: Figures) -> dict[str, dict[str, float]]:
+    """All collisions over all metres, rather than a mean of ratios, which one robot that stands still would spoil.
+
+    Its deviation is that of an episode's share in it: of (collisions − ratio · distance) / mean distance.
+    """
+    if not {"collisions", "distance"} <= set(figures) or np.mean(figures["distance"]) < WALKED:
+        return {}
+    metres = float(np.mean(figures["distance"]))
+    ratio = float(np.mean(figures["collisions"])) / metres
+    return {
+        PER_METRE: {"mean": ratio, "std": float(np.std(figures["collisions"] - ratio * figures["distance"])) / metres}
+    }

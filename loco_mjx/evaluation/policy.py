@@ -12,6 +12,7 @@ import jax.numpy as jp
 from jax.sharding import SingleDeviceSharding
 
 from loco_mjx.config import Config
+from loco_mjx.env import privileged
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import Networks, make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
@@ -59,6 +60,8 @@ def observation_shapes(config: Config) -> dict[str, tuple[int, ...]]:
     shapes: dict[str, tuple[int, ...]] = {"state": (obs.state_size,)}
     if obs.depth.enabled:
         shapes["pixels/depth"] = (obs.depth.height, obs.depth.width, obs.depth.frames)
+    if obs.privileged:
+        shapes["privileged"] = (privileged.SIZE,)
     return shapes
 
 

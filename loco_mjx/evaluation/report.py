@@ -12,15 +12,14 @@ from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, summarize
 from loco_mjx.evaluation.policy import load_policy
+from loco_mjx.evaluation.shown import UNITS as UNITS  # others name units alike
+from loco_mjx.evaluation.shown import caption, order
 from loco_mjx.mesh import make_mesh
 from loco_mjx.run import about
 from loco_mjx.run.directory import write_json
 from loco_mjx.scene.tasks import get_task
 
 EVALUATION = "evaluation"
-UNITS = {"distance": "m", "progress": "m", "speed": "m/s"} | dict.fromkeys(
-    ("length", "collisions", "contacts"), "steps"
-)
 
 
 def evaluate(
@@ -83,15 +82,16 @@ def keep(directory: Path, result: dict[str, Any]) -> None:
 
 
 def table(result: dict[str, Any]) -> Table:
-    """The result as people read it."""
+    """The result as people read it: what matters first; what was zero in every episode is named below."""
     how = "deterministic" if result["deterministic"] else "stochastic"
     trained = f"{result['policy']} trained on {result['trained_on']} ({result['samples']:,} samples)"
     title = f"{trained}, on {result['task']}: {result['num_episodes']} episodes, {how}"
-    table = Table(title=title, title_justify="left")
+    shown, zero = order(result["metrics"], result["task"])
+    table = Table(title=title, title_justify="left", caption=caption(zero), caption_justify="left")
     table.add_column("metric")
     table.add_column("mean", justify="right")
     table.add_column("std", justify="right")
-    for name, figures in result["metrics"].items():
-        unit = f" {UNITS[name]}" if name in UNITS else ""
-        table.add_row(name, f"{figures['mean']:.3f}{unit}", f"{figures['std']:.3f}")
+    for one in shown:
+        figures = result["metrics"].get(one.name)
+        table.add_row(one.label, one.mean(figures), one.std(figures))
     return table

@@ -10,6 +10,7 @@ from rich.table import Table
 from loco_mjx.compare import results
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation import report
+from loco_mjx.evaluation.shown import NOTHING, caption, order
 from loco_mjx.run.directory import CONFIG
 
 
@@ -41,10 +42,11 @@ def evaluate(directory: Path, task: str | None, **options: Any) -> dict[str, Any
             f"the runs in {directory} stand at {samples[0]:,} to {samples[-1]:,} samples; finish them first"
         )
     shared = {key: found[0][key] for key in found[0] if key not in ("run", "metrics", "episodes")}
+    names = [name for name in found[0]["metrics"] if all(name in one["metrics"] for one in found)]
     result = shared | {
         "run": str(directory),
         "seeds_trained": [run.config.seed for run in runs],
-        "metrics": {name: _over_seeds([one["metrics"][name]["mean"] for one in found]) for name in found[0]["metrics"]},
+        "metrics": {name: _over_seeds([one["metrics"][name]["mean"] for one in found]) for name in names},
     }
     report.keep(directory, result)
     return result
@@ -55,14 +57,15 @@ def table(result: dict[str, Any]) -> Table:
     seeds = result["seeds_trained"]
     trained = f"{result['policy']} trained on {result['trained_on']} ({result['samples']:,} samples)"
     title = f"{trained}, on {result['task']}: {len(seeds)} seeds, {result['num_episodes']} episodes each"
-    table = Table(title=title, title_justify="left")
+    shown, zero = order(result["metrics"], result["task"])
+    table = Table(title=title, title_justify="left", caption=caption(zero), caption_justify="left")
     table.add_column("metric")
     for name in ("mean", "std over seeds", *(f"seed {seed}" for seed in seeds)):
         table.add_column(name, justify="right")
-    for name, figures in result["metrics"].items():
-        unit = f" {report.UNITS[name]}" if name in report.UNITS else ""
-        own = [f"{value:.3f}" for value in figures["seeds"]]
-        table.add_row(name, f"{figures['mean']:.3f}{unit}", f"{figures['std']:.3f}", *own)
+    for one in shown:
+        figures = result["metrics"].get(one.name)
+        own = [NOTHING] * len(seeds) if figures is None else [one.value(value) for value in figures["seeds"]]
+        table.add_row(one.label, one.mean(figures), one.std(figures), *own)
     return table
 
 

@@ -23,7 +23,7 @@ from loco_mjx.networks.transformer import Transformer
 
 Observation = Mapping[str, jax.Array]
 Params = Any
-STATE, DEPTH = "state", "pixels/depth"
+STATE, DEPTH, PRIVILEGED = "state", "pixels/depth", "privileged"
 LOG_STD_RANGE = (-5.0, 2.0)
 MEAN_SCALE, VALUE_SCALE = 0.01, 1.0  # gains of the last layers' initialisation
 
@@ -68,12 +68,54 @@ class Gaussian(nn.Module):
         return mean, jp.broadcast_to(log_std, mean.shape)
 
 
-def _outputs(module: Any, hidden: tuple[int, ...], policy: jax.Array, value: jax.Array, attention: Any) -> Outputs:
-    """Heads of policy and value on their features; called inside a compact module, which owns them."""
+class Critic(nn.Module):
+    """The value by an MLP on `state` and `privileged`: shaped as the value of the policy `privileged`.
+
+    Attributes:
+        config: sizes.
+    """
+
+    config: NetworkConfig
+
+    @nn.compact
+    def __call__(self, obs: Observation) -> jax.Array:
+        """`state` (..., n) and `privileged` (..., m) to the value (...); 0 where there is no `privileged`."""
+        if PRIVILEGED not in obs:
+            return jp.zeros(obs[STATE].shape[:-1])
+        hidden = self.config.state_only_hidden
+        shared = len(hidden) // 2
+        features = MLP(hidden[:shared], name="state_encoder")(_both(obs))
+        return Head(hidden[shared:], 1, VALUE_SCALE, name="value_head")(features)[..., 0]
+
+
+def _both(obs: Observation) -> jax.Array:
+    return jp.concatenate([obs[STATE], obs[PRIVILEGED]], axis=-1)
+
+
+def _outputs(
+    module: Any,
+    hidden: tuple[int, ...],
+    policy: jax.Array,
+    value: Callable[[], jax.Array],
+    obs: Observation,
+    attention: Any = None,
+) -> Outputs:
+    """Heads of policy and value on their features; called inside a compact module, which owns them.
+
+    Args:
+        module: the policy's.
+        hidden: width of the heads' hidden layers.
+        policy: features of the policy.
+        value: makes those of the value; not called where a privileged critic takes its place.
+        obs: what the critic looks at.
+        attention: for Outputs.
+    """
     config: NetworkConfig = module.config
     mean, log_std = Gaussian(hidden, module.actions, config.initial_std, name="policy_head")(policy)
-    value = Head(hidden, 1, VALUE_SCALE, name="value_head")(value)[..., 0]
-    return Outputs(mean, log_std, value, attention)
+    if config.critic == "privileged":
+        return Outputs(mean, log_std, Critic(config, name="critic")(obs), attention)
+    estimate = Head(hidden, 1, VALUE_SCALE, name="value_head")(value())[..., 0]
+    return Outputs(mean, log_std, estimate, attention)
 
 
 class LocoTransformer(nn.Module):
@@ -97,9 +139,8 @@ class LocoTransformer(nn.Module):
         visual = VisualTokens(config.token_dim, config.tokens_per_side, name="visual_tokens")(features)
         tokens = jp.concatenate([body[..., None, :], visual], axis=-2)  # (..., 1 + N·N, C)
         policy, attention = self._branch("policy", tokens)
-        value, _ = self._branch("value", tokens)
         attention = None if attention is None else attention[..., 0, 1:]  # (..., N·N)
-        return _outputs(self, config.hidden, policy, value, attention)
+        return _outputs(self, config.hidden, policy, lambda: self._branch("value", tokens)[0], obs, attention)
 
     def _branch(self, name: str, tokens: jax.Array) -> tuple[jax.Array, jax.Array | None]:
         transformer = Transformer(self.config.layers, self.config.mlp_dim, name=f"{name}_transformer")
@@ -125,9 +166,11 @@ class DepthOnly(nn.Module):
         config = self.config
         features = DepthEncoder(name="depth_encoder")(obs[DEPTH])
         tokens = VisualTokens(config.token_dim, config.tokens_per_side, name="visual_tokens")(features)
-        policy, _ = Transformer(config.layers, config.mlp_dim, name="policy_transformer")(tokens)
-        value, _ = Transformer(config.layers, config.mlp_dim, name="value_transformer")(tokens)
-        return _outputs(self, config.hidden, policy.mean(-2), value.mean(-2), None)
+
+        def branch(name: str) -> jax.Array:
+            return Transformer(config.layers, config.mlp_dim, name=f"{name}_transformer")(tokens)[0].mean(-2)
+
+        return _outputs(self, config.hidden, branch("policy"), lambda: branch("value"), obs)
 
 
 def _visual_vector(depth: jax.Array, width: int) -> jax.Array:
@@ -155,7 +198,7 @@ class StateDepthConcat(nn.Module):
         body = MLP(hidden, name="state_encoder")(obs[STATE])
         visual = _visual_vector(obs[DEPTH], hidden[-1])
         features = jp.concatenate([visual, body], axis=-1)
-        return _outputs(self, hidden, features, features, None)
+        return _outputs(self, hidden, features, lambda: features, obs)
 
 
 class Hierarchical(nn.Module):
@@ -181,7 +224,7 @@ class Hierarchical(nn.Module):
         command = nn.tanh(nn.Dense(config.latent_dim, kernel_init=PROJECTION_INIT, name="policy_command")(visual))
         body = MLP(config.hidden, name="state_encoder")(obs[STATE])
         low = jp.concatenate([body, command], axis=-1)
-        return _outputs(self, config.hidden, low, jp.concatenate([visual, body], axis=-1), None)
+        return _outputs(self, config.hidden, low, lambda: jp.concatenate([visual, body], axis=-1), obs)
 
 
 class StateOnly(nn.Module):
@@ -200,8 +243,20 @@ class StateOnly(nn.Module):
         """`state` (..., n) to Outputs."""
         hidden = self.config.state_only_hidden
         shared = len(hidden) // 2
-        features = MLP(hidden[:shared], name="state_encoder")(obs[STATE])
-        return _outputs(self, hidden[shared:], features, features, None)
+        features = MLP(hidden[:shared], name="state_encoder")(self.senses(obs))
+        return _outputs(self, hidden[shared:], features, lambda: features, obs)
+
+    def senses(self, obs: Observation) -> jax.Array:
+        """What it reads, (..., n)."""
+        return obs[STATE]
+
+
+class Privileged(StateOnly):
+    """StateOnly that also reads what only a simulator knows: the teacher of method `distill`."""
+
+    def senses(self, obs: Observation) -> jax.Array:
+        """`state` and `privileged` side by side, (..., n + m)."""
+        return _both(obs)
 
 
 @dataclass(frozen=True)
@@ -213,12 +268,14 @@ class Policy:
         uses_state: whether it reads `state`.
         uses_depth: whether it reads `pixels/depth`.
         holds: whether the depth it is given is held for NetworkConfig.hold control steps.
+        uses_privileged: whether it reads `privileged`, and so never leaves the simulator.
     """
 
     build: Callable[[NetworkConfig, int], nn.Module]
     uses_state: bool = True
     uses_depth: bool = True
     holds: bool = False
+    uses_privileged: bool = False
 
 
 POLICIES: dict[str, Policy] = {
@@ -227,6 +284,7 @@ POLICIES: dict[str, Policy] = {
     "depth-only": Policy(DepthOnly, uses_state=False),
     "state-depth-concat": Policy(StateDepthConcat),
     "hrl": Policy(Hierarchical, holds=True),
+    "privileged": Policy(Privileged, uses_depth=False, uses_privileged=True),
 }
 
 
@@ -239,12 +297,14 @@ class Networks:
         uses_state: whether it reads `state`.
         uses_depth: whether it reads `pixels/depth`.
         hold: control steps for which the depth it is given is held; 1: it sees every frame.
+        uses_privileged: whether the policy or its critic reads `privileged`.
     """
 
     module: nn.Module
     uses_state: bool
     uses_depth: bool
     hold: int = 1
+    uses_privileged: bool = False
 
     def init(self, key: jax.Array, obs: Observation) -> Params:
         """Parameters for observations shaped like `obs` (`state` already normalised)."""
@@ -272,4 +332,5 @@ def make_networks(policy: str, config: NetworkConfig, action_size: int) -> Netwo
     if entry.holds and min(config.hold, config.latent_dim) < 1:
         raise UserError(f"network.hold is {config.hold}, network.latent_dim {config.latent_dim}; accepted: 1 or more")
     hold = config.hold if entry.holds else 1
-    return Networks(entry.build(config, action_size), entry.uses_state, entry.uses_depth, hold)
+    knows = entry.uses_privileged or config.critic == "privileged"
+    return Networks(entry.build(config, action_size), entry.uses_state, entry.uses_depth, hold, knows)

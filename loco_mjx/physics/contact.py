@@ -15,10 +15,10 @@ import numpy as np
 from loco_mjx import a1
 from loco_mjx.physics import arrow
 from loco_mjx.physics.arrow import BASE, JOINTS, LEGS, Motion
-from loco_mjx.physics.kinematics import RADII, Pose, Vector, column, trunk_centers
+from loco_mjx.physics.kinematics import RADII, Pose, Vector, calf_centers, column, trunk_centers
 from loco_mjx.physics.model import PhysicsModel, Softness
+from loco_mjx.physics.rows import FRICTIONLESS, Constraints
 from loco_mjx.physics.slots import Planes, Slots
-from loco_mjx.physics.solver import Constraints
 from loco_mjx.physics.stage import add_up
 
 
@@ -87,10 +87,10 @@ def _stacked(vectors: list[Vector]) -> Vector:
 
 
 class _LegRows(NamedTuple):
-    """Contacts of the legs: of the feet's F slots, hips, the knees' F slots.
+    """Contacts of the legs: S with friction, of the feet's slots and the knees', then of the hips and the calves.
 
     Attributes:
-        distance: (2 F + 1, 4, N).
+        distance: (S + 2, 4, N).
         point: x, y, z of the contacts, each (P, 4, N), for each row of the Jacobian.
         direction: of each row, likewise.
     """
@@ -101,49 +101,51 @@ class _LegRows(NamedTuple):
 
 
 def _leg_rows(robot: Pose, slots: Slots) -> _LegRows:
-    feet = slots.feet
-    planes = (*feet, slots.hips, *slots.knees)
-    centers = (*[robot.foot] * len(feet), robot.shoulder, *[robot.knee] * len(feet))
-    radii = (*[RADII[0]] * len(feet), RADII[LEGS], *[RADII[2 * LEGS]] * len(feet))
-    points = [_contact_point(c, plane, r) for c, plane, r in zip(centers, planes, radii, strict=True)]
-    frames = [tangents(plane.normal) for plane in feet]
-    directions = [plane.normal for plane in feet] + [f[0] for f in frames] + [f[1] for f in frames]
-    directions += [plane.normal for plane in planes[len(feet) :]]
-    rows = points[: len(feet)] * 3 + points[len(feet) :]
-    return _LegRows(jp.stack([plane.distance for plane in planes]), _stacked(rows), _stacked(directions))
+    count = len(slots.feet)
+    rough, smooth = (*slots.feet, *slots.knees), (slots.hips, slots.calves)
+    centers = (*[robot.foot] * count, *[robot.knee] * count, robot.shoulder, calf_centers(robot))
+    foot, hip, knee, calf = RADII[: 4 * LEGS : LEGS]
+    radii = (*[foot] * count, *[knee] * count, hip, calf)
+    points = [_contact_point(c, plane, r) for c, plane, r in zip(centers, rough + smooth, radii, strict=True)]
+    frames = [tangents(plane.normal) for plane in rough]
+    directions = [plane.normal for plane in rough] + [f[0] for f in frames] + [f[1] for f in frames]
+    directions += [plane.normal for plane in smooth]
+    rows = points[: len(rough)] * 3 + points[len(rough) :]
+    distance = jp.stack([plane.distance for plane in rough + smooth])
+    return _LegRows(distance, _stacked(rows), _stacked(directions))
 
 
 def _legs(
     model: PhysicsModel, robot: Pose, velocity: Motion, legs: _LegRows, friction: jax.Array, mass: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Jacobian, reference and weight of the legs' contacts; see solver.Constraints."""
-    slots = legs.distance.shape[0] // 2
+    """Jacobian, reference and weight of the legs' contacts; see rows.Constraints."""
+    slots = legs.distance.shape[0] - FRICTIONLESS
     # A hip's sphere moves with the hip joint only.
-    beyond_hip = (np.arange(4 * slots + 1) != 3 * slots).astype(np.float32).reshape(-1, 1, 1)
+    beyond_hip = (np.arange(3 * slots + FRICTIONLESS) != 3 * slots).astype(np.float32).reshape(-1, 1, 1)
     hip, thigh, calf = _joint_rows(robot, legs.point, legs.direction)
     base = _base_rows(robot, legs.point, legs.direction)
     jacobian = jp.stack([*base, hip, thigh * beyond_hip, calf * beyond_hip])
     # As in MuJoCo, every edge of a pyramid has this times its normal's inverse weight.
     edge = 2.0 * friction * friction * (1.0 + friction * friction) / mass
-    by_leg = model.sphere_invweight[: 3 * LEGS].reshape(3, 1, LEGS, 1)
-    feet, others = legs.distance[:slots], legs.distance[slots:]
-    foot_weight, foot_pull = _weight_and_pull(model.softness, feet, by_leg[0] * edge)
-    by_sphere = np.concatenate([by_leg[1], *[by_leg[2]] * slots])  # hips, then the knees' slots
-    other_weight, other_pull = _weight_and_pull(model.softness, others, by_sphere / mass)
+    foot, shoulder, knee, shaft = model.sphere_invweight[: 4 * LEGS].reshape(4, 1, LEGS, 1)
+    rough = np.concatenate([foot] * (slots // 2) + [knee] * (slots // 2))
+    rough_weight, rough_pull = _weight_and_pull(model.softness, legs.distance[:slots], rough * edge)
+    smooth = np.concatenate([shoulder, shaft])
+    smooth_weight, smooth_pull = _weight_and_pull(model.softness, legs.distance[slots:], smooth / mass)
     speed = add_up(jacobian[i] * velocity.base[i] for i in range(BASE))
     speed = speed + add_up(jacobian[BASE + j] * velocity.joints[j] for j in range(JOINTS))
     damped = -model.softness.damping * speed
-    reference = [damped[:slots] + foot_pull, damped[slots : 3 * slots], damped[3 * slots :] + other_pull]
-    return jacobian, jp.concatenate(reference), jp.concatenate([foot_weight, other_weight])
+    reference = [damped[:slots] + rough_pull, damped[slots : 3 * slots], damped[3 * slots :] + smooth_pull]
+    return jacobian, jp.concatenate(reference), jp.concatenate([rough_weight, smooth_weight])
 
 
 def _trunk(
     model: PhysicsModel, robot: Pose, velocity: Motion, plane: Planes, mass: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Jacobian, reference and weight of the trunk's contacts."""
-    point = _contact_point(trunk_centers(robot), plane, column(RADII[3 * LEGS :], plane.distance))
+    point = _contact_point(trunk_centers(robot), plane, column(RADII[4 * LEGS :], plane.distance))
     jacobian = jp.stack(_base_rows(robot, point, plane.normal))
-    invweight = column(model.sphere_invweight[3 * LEGS :], plane.distance) / mass
+    invweight = column(model.sphere_invweight[4 * LEGS :], plane.distance) / mass
     weight, pull = _weight_and_pull(model.softness, plane.distance, invweight)
     speed = add_up(jacobian[i] * velocity.base[i] for i in range(BASE))
     return jacobian, pull - model.softness.damping * speed, weight
@@ -175,7 +177,7 @@ def constraints(
         qpos: (19, N).
         qvel: (18, N).
         slots: what the spheres may touch.
-        friction: (N,) coefficient of the feet.
+        friction: (N,) coefficient of feet and knees.
         mass: (N,) factor on the robot's mass.
     """
     velocity = arrow.split(qvel)

@@ -16,7 +16,7 @@ from loco_mjx import a1
 
 Vector = tuple[jax.Array, jax.Array, jax.Array]  # x, y, z, arrays of one shape
 
-# Spheres in this order everywhere in this room: feet, hips, knees (each FR, FL, RR, RL), trunk.
+# Spheres in this order everywhere in this room: feet, hips, knees, calves (each FR, FL, RR, RL), trunk.
 LEGS = 4
 TRUNK_SPHERES: tuple[str, ...] = ("front", "rear", "front_right", "front_left", "rear_right", "rear_left")
 TRUNK_CENTERS: tuple[tuple[float, float, float], ...] = (
@@ -28,10 +28,11 @@ TRUNK_CENTERS: tuple[tuple[float, float, float], ...] = (
     (-0.07, 0.04, 0.0),
 )
 SPHERES: tuple[str, ...] = (
-    *(f"{leg}_{part}_sphere" for part in ("foot", "hip", "knee") for leg in a1.LEGS),
+    *(f"{leg}_{part}_sphere" for part in ("foot", "hip", "knee", "calf") for leg in a1.LEGS),
     *(f"trunk_{name}_sphere" for name in TRUNK_SPHERES),
 )
-RADII: tuple[float, ...] = (a1.FOOT_RADIUS,) * LEGS + (0.045,) * LEGS + (0.025,) * LEGS + (0.057,) * len(TRUNK_SPHERES)
+_OF_LEGS = (a1.FOOT_RADIUS, 0.045, 0.025, 0.02)
+RADII: tuple[float, ...] = (*np.repeat(_OF_LEGS, LEGS).tolist(), *[0.057] * len(TRUNK_SPHERES))
 
 
 class Pose(NamedTuple):
@@ -116,10 +117,15 @@ def trunk_centers(robot: Pose) -> Vector:
     )
 
 
+def calf_centers(robot: Pose) -> Vector:
+    """Centres of the calves' spheres, halfway between knee and foot, x, y, z, each (4,), m."""
+    x, y, z = (0.5 * (knee + foot) for knee, foot in zip(robot.knee, robot.foot, strict=True))
+    return x, y, z
+
+
 def centers(robot: Pose) -> Vector:
-    """Centres of all spheres in the world frame, x, y, z, each (18,), m, in the order of SPHERES."""
-    trunk = trunk_centers(robot)
-    groups = (robot.foot, robot.shoulder, robot.knee, trunk)
+    """Centres of all spheres in the world frame, x, y, z, each (22,), m, in the order of SPHERES."""
+    groups = (robot.foot, robot.shoulder, robot.knee, calf_centers(robot), trunk_centers(robot))
     return tuple(jp.concatenate([group[i] for group in groups]) for i in range(3))  # type: ignore[return-value]
 
 
@@ -130,6 +136,6 @@ def sphere_centers(qpos: jax.Array) -> Vector:
         qpos: (19,) base position, base quaternion (w, x, y, z), joint angles.
 
     Returns:
-        x, y, z, each (18,), m, world frame, in the order of SPHERES.
+        x, y, z, each (22,), m, world frame, in the order of SPHERES.
     """
     return centers(pose(qpos))

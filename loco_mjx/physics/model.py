@@ -7,11 +7,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from mujoco import mjx
 
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.errors import UserError
 from loco_mjx.physics.kinematics import SPHERES
+from loco_mjx.physics.mjx import mjx
 
 
 def a1_xml_path() -> Path:
@@ -56,7 +56,7 @@ class PhysicsModel:
     Attributes:
         mjx: the robot's MJX model, without geoms: contacts come from the slots.
         data: MJX data whose fields a step overwrites.
-        sphere_invweight: (18,) translational inverse weight of each sphere's body, 1/kg.
+        sphere_invweight: (22,) translational inverse weight of each sphere's body, 1/kg.
         joint_invweight: (12,) inverse weight of each joint, 1/(kg m²).
         softness: of contacts.
         limit_softness: of joint limits.
@@ -96,6 +96,8 @@ def build(config: PhysicsConfig, obstacle_slots: int = 1) -> PhysicsModel:
     for name in ("iterations", "ls_iterations"):
         if getattr(config, name) < 1:
             raise UserError(f"physics.{name} is {getattr(config, name)}; accepted: 1 or more")
+    if config.more_iterations < 0:
+        raise UserError(f"physics.more_iterations is {config.more_iterations}; accepted: 0 or more")
     if obstacle_slots < 1:
         raise UserError(f"obstacle_slots is {obstacle_slots}; accepted: 1 or more")
     spec = mujoco.MjSpec.from_file(str(a1_xml_path()))

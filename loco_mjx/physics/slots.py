@@ -15,12 +15,13 @@ import numpy as np
 from flax import struct
 
 from loco_mjx.config import PhysicsConfig
-from loco_mjx.physics.kinematics import LEGS, RADII, Vector, column
+from loco_mjx.physics.kinematics import LEGS, RADII, Vector, column, sphere_centers
 from loco_mjx.physics.stage import Stage
 from loco_mjx.scene.surface import ground
-from loco_mjx.scene.types import COLLISION_MARGIN, STEP, Boxes, Cylinders, Scene, Terrain
+from loco_mjx.scene.types import COLLISION_MARGIN, STEP, Scene, Terrain
 
 FAR = 1e3  # m, the distance of nothing
+REACH = 0.1  # m, what a sphere may move in a control step: 2.5 m/s
 
 
 class Box(NamedTuple):
@@ -48,12 +49,14 @@ class Near:
         solid: (K,) bool, whether touching the box counts as a collision (steps do not).
         cylinders: C of them, on the first axis.
         terrain: the ground's heightfield or None.
+        dropped: int32, how many other boxes and cylinders are within REACH of a sphere, and are not felt.
     """
 
     boxes: Box
     solid: jax.Array
     cylinders: Cylinder
     terrain: Terrain | None
+    dropped: jax.Array
 
 
 class Planes(NamedTuple):
@@ -75,6 +78,7 @@ class Slots(NamedTuple):
         feet: planes (4,): the ground's, then the nearest obstacles' and steps', nearest first.
         hips: (4,) the nearest of everything.
         knees: planes (4,) as the feet's: a robot on its knees leans against walls.
+        calves: (4,) the nearest of everything.
         trunk: (6,) the nearest of everything.
         hit: bool, whether any sphere touches an obstacle or a wall.
     """
@@ -82,40 +86,46 @@ class Slots(NamedTuple):
     feet: tuple[Planes, ...]
     hips: Planes
     knees: tuple[Planes, ...]
+    calves: Planes
     trunk: Planes
     hit: jax.Array
 
 
-def _nearest(distance: jax.Array, count: int) -> jax.Array:
-    """Indices of the `count` smallest of (N,) distances."""
-    return jax.lax.top_k(-distance, min(count, distance.shape[0]))[1]
+def _kept(shapes: Box | Cylinder, distance: jax.Array, count: int) -> tuple[Any, jax.Array, jax.Array]:
+    """The `count` shapes nearest to any sphere, their indices, and how many others are within reach.
+
+    Args:
+        shapes: S of them.
+        distance: (S,) of each to the sphere nearest to it, m.
+        count: how many to keep.
+    """
+    number = min(count, distance.shape[0])
+    pick = jax.lax.top_k(-distance, number)[1]
+    within = jp.sum(distance < REACH, dtype=jp.int32)
+    return jax.tree.map(lambda a: a[pick], shapes), pick, jp.maximum(within - number, 0)
 
 
-def _near_boxes(boxes: Boxes, base: jax.Array, count: int) -> tuple[Box, jax.Array]:
-    turn = jp.stack([jp.cos(boxes.yaw), jp.sin(boxes.yaw)], axis=-1)
-    every = Box(boxes.center, boxes.collision_half, turn)
-    distance = jax.vmap(lambda box: box_distance(tuple(base), box))(every)  # type: ignore[arg-type]
-    pick = _nearest(distance, count)
-    return jax.tree.map(lambda a: a[pick], every), boxes.kind[pick] != STEP
-
-
-def _near_cylinders(cylinders: Cylinders, base: jax.Array, count: int) -> Cylinder:
-    every = Cylinder(cylinders.center, cylinders.radius + COLLISION_MARGIN, cylinders.half_height)
-    distance = jax.vmap(lambda cylinder: cylinder_distance(tuple(base), cylinder))(every)  # type: ignore[arg-type]
-    pick = _nearest(distance, count)
-    return jax.tree.map(lambda a: a[pick], every)
-
-
-def near(scene: Scene, base: jax.Array, config: PhysicsConfig) -> Near:
-    """Picks the boxes and cylinders nearest to the robot's base.
+def near(scene: Scene, qpos: jax.Array, config: PhysicsConfig) -> Near:
+    """Picks the boxes and cylinders nearest to the robot's spheres, and counts what is left out within their reach.
 
     Args:
         scene: the world.
-        base: (3,) position of the trunk, m.
+        qpos: (19,) configuration of the robot.
         config: how many to keep (`near_boxes`, `near_cylinders`).
     """
-    boxes, solid = _near_boxes(scene.boxes, base, config.near_boxes)
-    return Near(boxes, solid, _near_cylinders(scene.cylinders, base, config.near_cylinders), scene.terrain)
+    point = sphere_centers(qpos)
+    gap = lambda distance, shapes: jp.min(  # noqa: E731
+        jax.vmap(lambda shape: distance(point, shape) - column(RADII, point[0]))(shapes), axis=1
+    )
+    boxes, cylinders = scene.boxes, scene.cylinders
+    turn = jp.stack([jp.cos(boxes.yaw), jp.sin(boxes.yaw)], axis=-1)
+    every_box = Box(boxes.center, boxes.collision_half, turn)
+    every_cylinder = Cylinder(cylinders.center, cylinders.radius + COLLISION_MARGIN, cylinders.half_height)
+    near_boxes, pick, more_boxes = _kept(every_box, gap(box_distance, every_box), config.near_boxes)
+    gaps = gap(cylinder_distance, every_cylinder)
+    near_cylinders, _, more_cylinders = _kept(every_cylinder, gaps, config.near_cylinders)
+    solid = boxes.kind[pick] != STEP
+    return Near(near_boxes, solid, near_cylinders, scene.terrain, more_boxes + more_cylinders)
 
 
 def _sub(point: Vector, center: jax.Array) -> Vector:
@@ -260,7 +270,7 @@ def touch(stage: Stage, scene: Near, point: Vector, obstacle_slots: int) -> Slot
     Args:
         stage: how to compute intermediate results once.
         scene: what is near; each array's last axis is over environments, the terrain's first.
-        point: x, y, z of the spheres' centres, each (18, N), m, in the order of kinematics.SPHERES.
+        point: x, y, z of the spheres' centres, each (22, N), m, in the order of kinematics.SPHERES.
         obstacle_slots: per foot and knee, how many of the nearest boxes and cylinders beside the ground.
     """
     radii = column(RADII, point[0])
@@ -272,8 +282,8 @@ def touch(stage: Stage, scene: Near, point: Vector, obstacle_slots: int) -> Slot
     cut = lambda plane, a, b: jax.tree.map(lambda x: x[a:b], plane._replace(distance=plane.distance - radii))  # noqa: E731
     feet = tuple(cut(plane, 0, LEGS) for plane in (floor, *nearest))
     knees = tuple(cut(plane, 2 * LEGS, 3 * LEGS) for plane in (floor, *nearest))
-    hips, trunk = cut(single, LEGS, 2 * LEGS), cut(single, 3 * LEGS, None)
-    return Slots(feet, hips, knees, trunk, ranking.hit)
+    hips, calves, trunk = (cut(single, a * LEGS, b and b * LEGS) for a, b in ((1, 2), (3, 4), (4, None)))
+    return Slots(feet, hips, knees, calves, trunk, ranking.hit)
 
 
 def _plane_of(scene: Near, point: Vector, distance: jax.Array, index: jax.Array) -> Planes:

@@ -1,7 +1,7 @@
 """MuJoCo's constraint problem for the A1, solved by Newton's method on the robot's own sparsity.
 
 The accelerations a minimise ½ (a − a₀)ᵀ M (a − a₀) + Σ ½ D min(0, J a − r)², MuJoCo's primal problem with a pyramidal
-cone (its documentation, "Computation"), where every contact moves the base and one leg only (see arrow.py).
+cone (its documentation, "Computation"), whose rows are in rows.py.
 
 It replaces mjx's solver, which calls LAPACK: slower for matrices this small, and in jaxlib 0.10 two CPU devices that
 call it at the same time can wait for each other for ever.
@@ -13,147 +13,14 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jp
-import numpy as np
 
 from loco_mjx.physics import arrow
-from loco_mjx.physics.arrow import BASE, JOINTS, LEGS, Arrow, Motion
-from loco_mjx.physics.stage import Stage, add_up, total
+from loco_mjx.physics.arrow import Arrow, Motion
+from loco_mjx.physics.rows import Constraints, Push, Values, flat, flat_weights, hessian, product, push, transposed
+from loco_mjx.physics.stage import Stage, total
 
-
-class Constraints(NamedTuple):
-    """Everything that pushes. Rows with weight 0 are out of contact.
-
-    The P rows of a leg are, for its foot's F slots, F normals, F first tangents, F second tangents, then those of the
-    hip's contact and the knee's F slots, without friction: P = 4 F + 1.
-
-    Attributes:
-        legs: (9, P, 4, N) Jacobian of the legs' contacts: in the base's degrees of freedom, then in the leg's joints.
-        leg_reference: (P, 4, N) reference acceleration r in each direction.
-        leg_weight: (2 F + 1, 4, N) D, of every edge of a foot's friction pyramid, and of what has no friction.
-        friction: (N,) coefficient of the feet.
-        trunk: (6, T, N) Jacobian of the trunk's contacts, without friction.
-        trunk_reference: (T, N).
-        trunk_weight: (T, N).
-        limit_sign: (3, 4, N) Jacobian of the joint limits, each in its own joint, ±1.
-        limit_reference: (3, 4, N).
-        limit_weight: (3, 4, N).
-    """
-
-    legs: jax.Array
-    leg_reference: jax.Array
-    leg_weight: jax.Array
-    friction: jax.Array
-    trunk: jax.Array
-    trunk_reference: jax.Array
-    trunk_weight: jax.Array
-    limit_sign: jax.Array
-    limit_reference: jax.Array
-    limit_weight: jax.Array
-
-    @property
-    def slots(self) -> int:
-        """F, contact slots with friction per leg."""
-        return self.leg_weight.shape[0] // 2
-
-
-class Values(NamedTuple):
-    """A number for each row of the constraints: legs (P, 4, N), trunk (T, N), limits (3, 4, N)."""
-
-    legs: jax.Array
-    trunk: jax.Array
-    limits: jax.Array
-
-
-class Push(NamedTuple):
-    """The constraints at a point: minus their forces, and what the forces' derivatives are made of.
-
-    Attributes:
-        force: per row; of the feet in each direction.
-        legs: weights of the active edges, as in :func:`_edges`.
-        trunk: (T, N) weights of the active rows.
-        limits: (3, 4, N).
-    """
-
-    force: Values
-    legs: list[jax.Array]
-    trunk: jax.Array
-    limits: jax.Array
-
-
-def _product(constraints: Constraints, vector: Motion) -> Values:
-    """Jacobian times vector."""
-    legs = add_up(constraints.legs[i] * vector.base[i] for i in range(BASE))
-    legs = legs + add_up(constraints.legs[BASE + j] * vector.joints[j] for j in range(JOINTS))
-    trunk = add_up(constraints.trunk[i] * vector.base[i] for i in range(BASE))
-    return Values(legs, trunk, constraints.limit_sign * vector.joints)
-
-
-def _transposed(constraints: Constraints, values: Values) -> Motion:
-    """Transposed Jacobian times a value per row."""
-    legs = add_up(constraints.legs[:, p] * values.legs[p] for p in range(values.legs.shape[0]))  # (9, 4, N)
-    trunk = add_up(constraints.trunk[:, t] * values.trunk[t] for t in range(values.trunk.shape[0]))
-    base = trunk + add_up(legs[:BASE, leg] for leg in range(LEGS))
-    return Motion(base, legs[BASE:] + constraints.limit_sign * values.limits)
-
-
-def _edges(constraints: Constraints, legs: jax.Array) -> list[jax.Array]:
-    """From values (P, 4, N) in directions: of the four edges of the feet's pyramids, each (F, 4, N), and the rest's."""
-    slots = constraints.slots
-    normal, rest = legs[:slots], legs[3 * slots :]
-    first, second = (constraints.friction * legs[i * slots : (i + 1) * slots] for i in (1, 2))
-    return [normal + first, normal - first, normal + second, normal - second, rest]
-
-
-def _edge_weights(constraints: Constraints) -> list[jax.Array]:
-    """D of what :func:`_edges` returns."""
-    slots = constraints.slots
-    return [constraints.leg_weight[:slots]] * 4 + [constraints.leg_weight[slots:]]
-
-
-def _push(constraints: Constraints, residual: Values) -> Push:
-    edges, mu = _edges(constraints, residual.legs), constraints.friction
-    weights = _edge_weights(constraints)
-    active = [jp.where(edge < 0.0, weight, 0.0) for edge, weight in zip(edges, weights, strict=True)]
-    trunk = jp.where(residual.trunk < 0.0, constraints.trunk_weight, 0.0)
-    limits = jp.where(residual.limits < 0.0, constraints.limit_weight, 0.0)
-    up, down, left, right, rest = (weight * edge for edge, weight in zip(edges, active, strict=True))
-    in_directions = [up + down + left + right, mu * (up - down), mu * (left - right), rest]
-    force = Values(jp.concatenate(in_directions), trunk * residual.trunk, limits * residual.limits)
-    return Push(force, active, trunk, limits)
-
-
-def _stiff_rows(constraints: Constraints, push: Push) -> jax.Array:
-    """(9, P, 4, N) derivative of the legs' forces times the Jacobian. The two tangents of a pyramid do not mix."""
-    slots, mu = constraints.slots, constraints.friction
-    normal, first, second = (constraints.legs[:, i * slots : (i + 1) * slots] for i in range(3))
-    up, down, left, right, rest = push.legs
-    by_first, by_second = mu * (up - down), mu * (left - right)
-    rows = [
-        (up + down + left + right) * normal + by_first * first + by_second * second,
-        by_first * normal + mu * mu * (up + down) * first,
-        by_second * normal + mu * mu * (left + right) * second,
-        rest * constraints.legs[:, 3 * slots :],
-    ]
-    return jp.concatenate(rows, axis=1)
-
-
-def _hessian(stage: Stage, inertia: Arrow, constraints: Constraints, push: Push) -> Arrow:
-    """The inertia + Jᵀ · (derivative of the forces) · J."""
-    stiff = stage(_stiff_rows, constraints, push)
-    weighted = constraints.trunk * push.trunk
-    trunk = add_up(constraints.trunk[:, None, t] * weighted[None, :, t] for t in range(weighted.shape[1]))
-
-    # Row by row in a loop, so that the result is there before the elimination takes it apart.
-    def row(_: None, jacobian: jax.Array) -> tuple[None, jax.Array]:
-        return None, add_up(jacobian[p] * stiff[:, p] for p in range(stiff.shape[1]))
-
-    legs = jax.lax.scan(row, None, constraints.legs)[1]  # (9, 9, 4, N)
-    limits = np.eye(JOINTS, dtype=np.float32)[:, :, None, None] * push.limits
-    return Arrow(
-        inertia.base + trunk + add_up(legs[:BASE, :BASE, leg] for leg in range(LEGS)),
-        inertia.coupling + legs[BASE:, :BASE],
-        inertia.joints + legs[BASE:, BASE:] + limits,
-    )
+PARTS = 8  # of the environments that have not converged, one in so many is solved further at a time
+TOLERANCE = 0.02  # N, what may be amiss: small, as errors of many physics steps add up
 
 
 def line_search(
@@ -188,64 +55,94 @@ def line_search(
     return jax.lax.fori_loop(0, iterations, iterate, (zero, zero + jp.inf, zero + 1.0))[2]
 
 
-def _flat(constraints: Constraints, values: Values) -> jax.Array:
-    """Values of all edges and rows in one (rows, N) array."""
-    parts = [*_edges(constraints, values.legs), values.limits, values.trunk]
-    return jp.concatenate([part.reshape(-1, part.shape[-1]) for part in parts])
+class Problem(NamedTuple):
+    """What is solved: the mass matrix, all generalised forces but the constraints', and the constraints."""
+
+    inertia: Arrow
+    force: Motion
+    constraints: Constraints
 
 
-def _flat_weights(constraints: Constraints) -> jax.Array:
-    """D in the order of :func:`_flat`."""
-    parts = [*_edge_weights(constraints), constraints.limit_weight, constraints.trunk_weight]
-    return jp.concatenate([part.reshape(-1, part.shape[-1]) for part in parts])
+def _newton(stage: Stage, problem: Problem, point: Motion, ls_iterations: int) -> tuple[Motion, jax.Array]:
+    """One iteration of Newton's method: the next point, and what is amiss there (N,), N.
 
-
-def _newton(
-    stage: Stage, inertia: Arrow, force: Motion, constraints: Constraints, point: Motion, ls_iterations: int
-) -> Motion:
-    """One iteration of Newton's method."""
+    The method goes where the cost would be least if every row pushed, or did not, all the way as it does at the start.
+    Then only the rows that have changed sides push otherwise than was reckoned with. Their forces are what is amiss.
+    """
+    inertia, force, constraints = problem
     reference = Values(constraints.leg_reference, constraints.trunk_reference, constraints.limit_reference)
 
     def look(point: Motion) -> tuple[Values, Motion, Push]:
-        residual = jax.tree.map(jp.subtract, _product(constraints, point), reference)
+        residual = jax.tree.map(jp.subtract, product(constraints, point), reference)
         momentum = jax.tree.map(jp.subtract, arrow.multiply(inertia, point), force)
-        return residual, momentum, _push(constraints, residual)
+        return residual, momentum, push(constraints, residual)
 
     def along(search: Motion) -> tuple[jax.Array, jax.Array, tuple[jax.Array, jax.Array, jax.Array]]:
         linear, quadratic = arrow.inner(search, momentum), arrow.inner(search, arrow.multiply(inertia, search))
-        slope = _product(constraints, search)
-        return linear, quadratic, (_flat(constraints, residual), _flat(constraints, slope), _flat_weights(constraints))
+        slope = product(constraints, search)
+        return linear, quadratic, (flat(constraints, residual), flat(constraints, slope), flat_weights(constraints))
 
-    residual, momentum, push = stage(look, point)
-    gradient = stage(lambda: jax.tree.map(jp.add, momentum, _transposed(constraints, push.force)))
-    hessian = _hessian(stage, inertia, constraints, push)
-    search = jax.tree.map(jp.negative, arrow.solve(hessian, gradient))
+    residual, momentum, pushed = stage(look, point)
+    gradient = stage(lambda: jax.tree.map(jp.add, momentum, transposed(constraints, pushed.force)))
+    curvature = hessian(stage, inertia, constraints, pushed)
+    search = jax.tree.map(jp.negative, arrow.solve(curvature, gradient))
     linear, quadratic, rows = stage(along, search)
     step = line_search(rows, linear, quadratic, ls_iterations)
-    return jax.tree.map(lambda a, b: a + step * b, point, search)
+    value, change, weight = rows
+    after = value + step * change
+    changed = total(jp.where((value < 0.0) != (after < 0.0), weight * jp.abs(after), 0.0))
+    left = jp.abs(1.0 - step) * (total(jp.abs(gradient.base)) + total(total(jp.abs(gradient.joints))))
+    amiss = changed + left
+    return jax.tree.map(lambda a, b: a + step * b, point, search), amiss
+
+
+def _repeat(
+    stage: Stage, problem: Problem, start: Motion, iterations: int, ls_iterations: int
+) -> tuple[Motion, jax.Array]:
+    """Some iterations: the point, and what is amiss there (N,)."""
+    if iterations == 1:
+        return _newton(stage, problem, start, ls_iterations)
+    again = lambda _, at: _newton(stage, problem, at[0], ls_iterations)  # noqa: E731
+    return jax.lax.fori_loop(0, iterations, again, (start, 0.0 * problem.constraints.friction))
+
+
+def _finish(
+    stage: Stage, problem: Problem, point: Motion, amiss: jax.Array, iterations: int, ls_iterations: int
+) -> Motion:
+    """More iterations for those environments where something is amiss, an eighth of all at a time.
+
+    Few of them need it at the same time, chiefly those whose feet begin to slide, so it costs little. Whether one gets
+    it is its own affair: no environment's result depends on its neighbours.
+    """
+    part = max(1, amiss.shape[0] // PARTS)
+
+    def some(carry: tuple[Motion, jax.Array]) -> tuple[Motion, jax.Array]:
+        point, amiss = carry
+        worst, index = jax.lax.top_k(amiss, part)
+        picked, start = jax.tree.map(lambda x: x[..., index], (problem, point))
+        better = _repeat(stage, picked, start, iterations, ls_iterations)[0]
+        new = jax.tree.map(lambda a, b: jp.where(worst > 0.0, a, b), better, start)
+        point = jax.tree.map(lambda x, y: x.at[..., index].set(y), point, new)
+        return point, amiss.at[index].set(0.0)
+
+    amiss = jp.where(amiss > TOLERANCE, amiss, 0.0)  # nothing helps one that is not finite
+    return jax.lax.while_loop(lambda carry: jp.any(carry[1] > 0.0), some, (point, amiss))[0]
 
 
 def solve(
-    stage: Stage,
-    inertia: Arrow,
-    force: Motion,
-    constraints: Constraints,
-    start: Motion,
-    iterations: int,
-    ls_iterations: int,
+    stage: Stage, problem: Problem, start: Motion, iterations: int, ls_iterations: int, more_iterations: int = 0
 ) -> Motion:
     """Accelerations under the constraints.
 
     Args:
         stage: how to compute intermediate results once.
-        inertia: the mass matrix.
-        force: all generalised forces but the constraints'.
-        constraints: contacts and joint limits.
+        problem: what is solved.
         start: where to start, such as the last step's accelerations.
-        iterations: Newton iterations.
+        iterations: Newton iterations of all environments.
         ls_iterations: iterations of each line search.
+        more_iterations: further Newton iterations of those environments that have not converged.
     """
-    if iterations == 1:
-        return _newton(stage, inertia, force, constraints, start, ls_iterations)
-    again = lambda _, point: _newton(stage, inertia, force, constraints, point, ls_iterations)  # noqa: E731
-    return jax.lax.fori_loop(0, iterations, again, start)
+    point, amiss = _repeat(stage, problem, start, iterations, ls_iterations)
+    if not more_iterations:
+        return point
+    return _finish(stage, problem, point, amiss, more_iterations, ls_iterations)

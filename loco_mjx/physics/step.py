@@ -11,10 +11,10 @@ import jax
 import jax.numpy as jp
 import numpy as np
 from flax import struct
-from mujoco import mjx
 
 from loco_mjx import a1
 from loco_mjx.physics import arrow, contact, kinematics, slots, solver
+from loco_mjx.physics.mjx import mjx
 from loco_mjx.physics.model import PhysicsModel
 from loco_mjx.physics.stage import Stage, add_up, total
 from loco_mjx.scene.types import Scene
@@ -44,7 +44,7 @@ class Dynamics:
         kd: N·m·s/rad.
         strength: (12,) factor on each motor's torque.
         motor_friction: viscous, N·m·s/rad.
-        friction: lateral coefficient of the feet.
+        friction: lateral coefficient of feet and knees.
         mass: factor on every body's mass.
         inertia: factor on every body's rotational inertia.
     """
@@ -65,6 +65,7 @@ class Outcome:
     Attributes:
         torque_squared: mean over the physics steps of the sum of the motors' squared torques, (N·m)².
         obstacle_contact: bool, whether any sphere touched an obstacle or a wall in any physics step.
+        dropped: int32, boxes and cylinders within reach of the robot that it could not feel: it feels only so many.
         angles: (17, 12) joint angles, rad.
         quat: (17, 4) base orientation.
         gyro: (17, 3) angular velocity in the trunk's frame, rad/s.
@@ -72,6 +73,7 @@ class Outcome:
 
     torque_squared: jax.Array
     obstacle_contact: jax.Array
+    dropped: jax.Array
     angles: jax.Array
     quat: jax.Array
     gyro: jax.Array
@@ -141,15 +143,15 @@ def _physics_step(
     constraints = stage(
         lambda: contact.constraints(model, robot, qpos, qvel, touched, dynamics.friction, dynamics.mass)
     )
+    force = jp.concatenate([-bias[:6], torque - bias[6:]])
     acceleration = arrow.join(
         solver.solve(
             stage,
-            stage(arrow.from_dense, inertia),
-            arrow.split(jp.concatenate([-bias[:6], torque - bias[6:]])),
-            constraints,
+            solver.Problem(stage(arrow.from_dense, inertia), arrow.split(force), constraints),
             arrow.split(state.warmstart),
             model.config.iterations,
             model.config.ls_iterations,
+            model.config.more_iterations,
         )
     )
     qvel = qvel + np.float32(a1.PHYSICS_DT) * acceleration
@@ -162,7 +164,7 @@ def _control_steps(
 ) -> tuple[PhysicsState, Outcome]:
     """:func:`control_step` of N environments, on the first axis of every argument."""
     terrain, flat = scene.terrain, scene.replace(terrain=None)  # type: ignore[attr-defined]
-    near = jax.vmap(lambda scene, base: slots.near(scene, base, model.config))(flat, state.qpos[:, :3])
+    near = jax.vmap(lambda scene, qpos: slots.near(scene, qpos, model.config))(flat, state.qpos)
     last = lambda tree: jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), tree)  # noqa: E731
     # A heightfield is too large to be turned around in every step.
     near = last(near).replace(terrain=terrain)
@@ -175,7 +177,7 @@ def _control_steps(
     new, (squared, hit, *after) = jax.lax.scan(body, state, jp.arange(a1.SUBSTEPS))
     before = (state.qpos[7:], state.qpos[3:7], state.qvel[3:6])
     trace = [jp.concatenate([b[None], a]) for b, a in zip(before, after, strict=True)]
-    out = (new, Outcome(jp.mean(squared, axis=0), jp.any(hit, axis=0), *trace))
+    out = (new, Outcome(jp.mean(squared, axis=0), jp.any(hit, axis=0), near.dropped, *trace))
     return jax.tree.map(lambda x: jp.moveaxis(x, -1, 0), out)
 
 

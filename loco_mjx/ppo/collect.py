@@ -8,12 +8,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jp
-from brax.envs.base import State
 from flax import struct
 
 from loco_mjx.env import autoreset
+from loco_mjx.env.state import State
 from loco_mjx.networks import hold as hold_lib
-from loco_mjx.networks.policies import DEPTH, STATE, Networks, Params
+from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Params
 from loco_mjx.ppo import distribution, frames
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.normalizer import Normalizer
@@ -36,6 +36,7 @@ class Rollout:
         terminated: (T, B) 1 where the episode ended by itself.
         done: (T, B) 1 where it ended, by itself or at the time limit.
         reset: (T, B) 1 where the transition spans a reset; it is not to be learnt from.
+        privileged: (T+1, B, m) `privileged` observations, or None where nobody reads them.
     """
 
     state: jax.Array
@@ -47,6 +48,7 @@ class Rollout:
     terminated: jax.Array
     done: jax.Array
     reset: jax.Array
+    privileged: jax.Array | None = None
 
     @property
     def weight(self) -> jax.Array:
@@ -64,6 +66,8 @@ def policy_input(obs: Mapping[str, jax.Array], normalizer: Normalizer) -> dict[s
     result = {STATE: normalizer_lib.normalize(normalizer, finite(obs[STATE]))}
     if DEPTH in obs:
         result[DEPTH] = frames.rounded(finite(obs[DEPTH]))
+    if PRIVILEGED in obs:
+        result[PRIVILEGED] = finite(obs[PRIVILEGED])
     return result
 
 
@@ -129,6 +133,8 @@ def _stored(state: State, depth: bool) -> dict[str, jax.Array]:
     kept = {"state": finite(state.obs[STATE])}
     if depth:
         kept["frames"] = frames.newest(finite(state.obs[DEPTH]))
+    if PRIVILEGED in state.obs:
+        kept[PRIVILEGED] = finite(state.obs[PRIVILEGED])
     return kept
 
 

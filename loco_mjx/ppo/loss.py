@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -23,6 +24,7 @@ class Batch:
         value: (n,) its value estimate.
         advantage: (n,) λ-advantage.
         weight: (n,) 1, or 0 for a transition that spans a reset.
+        label: (n, actions) what a teacher would have done, in [−1, 1], or None without one.
     """
 
     action: jax.Array
@@ -30,6 +32,7 @@ class Batch:
     value: jax.Array
     advantage: jax.Array
     weight: jax.Array
+    label: jax.Array | None = None
 
 
 def psum(x: Any, axis_name: str | None) -> Any:
@@ -50,9 +53,14 @@ def normalized_advantage(batch: Batch, axis_name: str | None = None) -> jax.Arra
     return jp.where(batch.weight > 0, (batch.advantage - mean) / (jp.sqrt(variance) + 1e-8), 0.0)
 
 
+def _share(x: jax.Array, batch: Batch, total_weight: jax.Array) -> jax.Array:
+    """A part's share of a minibatch's mean over the rows that count."""
+    return jp.sum(jp.where(batch.weight > 0, x, 0.0)) / jp.maximum(total_weight, 1.0)
+
+
 def loss(
     outputs: Outputs, batch: Batch, advantage: jax.Array, total_weight: jax.Array, config: PPOConfig
-) -> tuple[jax.Array, dict[str, jax.Array]]:
+) -> tuple[dict[str, jax.Array], dict[str, jax.Array]]:
     """A part's share of the minibatch's loss: the shares of all parts (devices, chunks) add up to the mean.
 
     Args:
@@ -63,12 +71,9 @@ def loss(
         config: the coefficients.
 
     Returns:
-        The share of the loss, and the shares of its terms and diagnostics.
+        The share of the loss, `policy` and `value`, which add up to it; and the shares of its terms and diagnostics.
     """
-
-    def share(x: jax.Array) -> jax.Array:
-        return jp.sum(jp.where(batch.weight > 0, x, 0.0)) / jp.maximum(total_weight, 1.0)
-
+    share = partial(_share, batch=batch, total_weight=total_weight)
     log_ratio = distribution.log_prob(batch.action, outputs.mean, outputs.log_std) - batch.log_prob
     log_ratio = jp.where(batch.weight > 0, log_ratio, 0.0)
     ratio = jp.exp(log_ratio)
@@ -76,9 +81,9 @@ def loss(
     policy = share(-jp.minimum(ratio * advantage, clipped * advantage))
     value = share((outputs.value - batch.value - batch.advantage) ** 2)
     entropy = share(distribution.entropy(outputs.log_std))
-    total = policy + config.value_loss * value - config.entropy * entropy
+    losses = {"policy": policy - config.entropy * entropy, "value": config.value_loss * value}
     terms = {
-        "loss/total": total,
+        "loss/total": losses["policy"] + losses["value"],
         "loss/policy": policy,
         "loss/value": value,
         "policy/entropy": entropy,
@@ -86,4 +91,25 @@ def loss(
         "policy/clip_fraction": share((jp.abs(ratio - 1.0) > config.clip).astype(ratio.dtype)),
         "policy/std": share(jp.exp(outputs.log_std).mean(-1)),
     }
-    return total, terms
+    return losses, terms
+
+
+def imitation(
+    outputs: Outputs, batch: Batch, advantage: jax.Array, total_weight: jax.Array, config: PPOConfig
+) -> tuple[dict[str, jax.Array], dict[str, jax.Array]]:
+    """The loss of a policy that imitates a teacher (DAgger); arguments and results as for :func:`loss`.
+
+    The mean action is drawn to the teacher's, the value learns what PPO's would; the standard deviation stays.
+    """
+    assert batch.label is not None
+    share = partial(_share, batch=batch, total_weight=total_weight)
+    difference = share(((jp.tanh(outputs.mean) - batch.label) ** 2).mean(-1))
+    value = share((outputs.value - batch.value - batch.advantage) ** 2)
+    losses = {"policy": difference, "value": config.value_loss * value}
+    terms = {
+        "loss/total": losses["policy"] + losses["value"],
+        "loss/imitation": difference,
+        "loss/value": value,
+        "policy/std": share(jp.exp(outputs.log_std).mean(-1)),
+    }
+    return losses, terms

@@ -10,7 +10,6 @@ from typing import Any
 import jax
 import jax.numpy as jp
 import optax
-from brax.envs.base import State
 from flax import struct
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
@@ -18,9 +17,10 @@ from jax.sharding import PartitionSpec as P
 from loco_mjx import config as config_lib
 from loco_mjx.config import Config
 from loco_mjx.env import autoreset
+from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.mesh import AXIS, make_mesh, spread
-from loco_mjx.networks.policies import DEPTH, Params, make_networks
+from loco_mjx.networks.policies import DEPTH, PRIVILEGED, Params, make_networks
 from loco_mjx.ppo import collect as collect_lib
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo import update as update_lib
@@ -45,6 +45,7 @@ class TrainState:
         key: (2,) uint32 the seed's key; constant, every draw folds in its purpose and the iteration.
         iteration: () int32 iterations done.
         samples: () int32 environment steps taken.
+        teacher: what is imitated, constant; None for plain PPO (see loco_mjx/ppo/distill.py).
     """
 
     params: Params
@@ -54,6 +55,7 @@ class TrainState:
     key: jax.Array
     iteration: jax.Array
     samples: jax.Array
+    teacher: Any = None
 
 
 class Trainer:
@@ -88,6 +90,11 @@ class Trainer:
         self.networks = make_networks(config.policy, config.network, env.action_size)
         if self.networks.uses_depth and DEPTH not in env.observation_size:
             raise UserError(f"policy '{config.policy}' needs depth; env.observation.depth.enabled is False")
+        if self.networks.uses_privileged and PRIVILEGED not in env.observation_size:
+            raise UserError(
+                f"policy '{config.policy}' with critic '{config.network.critic}' needs the privileged observation; "
+                "env.observation.privileged is False"
+            )
         if config.ppo.unroll % self.networks.hold:
             raise config_lib.UserError(
                 f"network.hold {self.networks.hold} does not divide ppo.unroll {config.ppo.unroll}; "
@@ -187,19 +194,15 @@ class Trainer:
         return dataclasses.replace(state, env_state=jax.tree.map(_strong, env_state)), rollout, metrics
 
     def update_part(
-        self, state: TrainState, rollout: Rollout, axis_name: str | None = None
+        self, state: TrainState, rollout: Rollout, axis_name: str | None = None, learn: Callable | None = None
     ) -> tuple[TrainState, Metrics]:
-        """The second half: learning from the rollout, then the normaliser's statistics."""
+        """The second half: learning from the rollout (by `learn` in place of PPO), then the normaliser's statistics."""
         ppo = self.config.ppo
         shuffle_key = jax.random.fold_in(jax.random.fold_in(state.key, _SHUFFLE), state.iteration)
         if axis_name is not None:
             shuffle_key = jax.random.fold_in(shuffle_key, jax.lax.axis_index(axis_name))
         data = update_lib.experience(rollout, state.normalizer, ppo, self.networks.hold)
-        rate = update_lib.learning_rate(ppo, state.iteration)
-        learned = (state.params, state.opt_state)
-        learned, metrics = update_lib.update(
-            self.networks, ppo, learned, data, shuffle_key, rate, axis_name, self.chunk
-        )
+        learned, metrics = (learn or self.learn)(state, data, shuffle_key, axis_name)
         # The statistics change only now: the update above needs those the rollout was collected with.
         normalizer = normalizer_lib.update(state.normalizer, rollout.state[:-1], rollout.weight, axis_name)
         state = dataclasses.replace(
@@ -210,7 +213,17 @@ class Trainer:
             iteration=state.iteration + 1,
             samples=state.samples + ppo.samples_per_iteration,
         )
-        return state, metrics | {"learning_rate": rate}
+        return state, metrics
+
+    def learn(
+        self, state: TrainState, data: update_lib.Experience, key: jax.Array, axis_name: str | None
+    ) -> tuple[tuple[Params, optax.OptState], Metrics]:
+        """New parameters and optimiser's state from this device's experience, and a dict of scalars."""
+        ppo = self.config.ppo
+        rate = update_lib.learning_rate(ppo, state.iteration)
+        learned = (state.params, state.opt_state)
+        learned, metrics = update_lib.update(self.networks, ppo, learned, data, key, rate, axis_name, self.chunk)
+        return learned, metrics | {"learning_rate": rate}
 
 
 def _strong(x: jax.Array) -> jax.Array:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
 import jax
 import jax.numpy as jp
 import optax
@@ -9,7 +13,7 @@ from flax import struct
 
 from loco_mjx.config import PPOConfig
 from loco_mjx.networks import hold as hold_lib
-from loco_mjx.networks.policies import DEPTH, STATE, Networks, Params
+from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Outputs, Params
 from loco_mjx.ppo import frames, gae
 from loco_mjx.ppo import loss as loss_lib
 from loco_mjx.ppo import normalizer as normalizer_lib
@@ -18,6 +22,9 @@ from loco_mjx.ppo.loss import Batch, masked_mean, psum
 from loco_mjx.ppo.normalizer import Normalizer
 
 _Learned = tuple[Params, optax.OptState]
+# From outputs, transitions, normalised advantages, the minibatch's weight and the coefficients to the share of each
+# loss that an optimiser minimises, and of terms to report.
+Objective = Callable[[Outputs, Batch, jax.Array, jax.Array, PPOConfig], tuple[dict[str, jax.Array], Metrics]]
 
 
 @struct.dataclass
@@ -29,6 +36,7 @@ class Experience:
         normalizer: the statistics it was collected with.
         advantage: (T, B) λ-advantages.
         starts: (T+1, B) from :func:`loco_mjx.ppo.frames.episode_starts`, or None without depth.
+        label: (T, B, actions) what a teacher would have done, in [−1, 1], or None without one.
         hold: control steps for which the policy held the depth it saw (static).
     """
 
@@ -36,13 +44,15 @@ class Experience:
     normalizer: Normalizer
     advantage: jax.Array
     starts: jax.Array | None
+    label: jax.Array | None = None
     hold: int = struct.field(pytree_node=False, default=1)
 
     def batch(self, rows: jax.Array) -> Batch:
         """The transitions of (n,) int32 sample numbers."""
         at = jp.divmod(rows, self.rollout.reward.shape[1])
         data = self.rollout
-        return Batch(data.action[at], data.log_prob[at], data.value[at], self.advantage[at], data.weight[at])
+        label = None if self.label is None else self.label[at]
+        return Batch(data.action[at], data.log_prob[at], data.value[at], self.advantage[at], data.weight[at], label)
 
     def observation(self, rows: jax.Array) -> dict[str, jax.Array]:
         """(n, ...) policy inputs of (n,) int32 sample numbers, equal to those the policy acted on."""
@@ -53,6 +63,8 @@ class Experience:
             count = stored.shape[0] - self.rollout.reward.shape[0]
             seen = hold_lib.seen_step(step, self.starts[step, column], self.hold)
             obs[DEPTH] = frames.stack(stored, self.starts, seen, column, count)
+        if self.rollout.privileged is not None:
+            obs[PRIVILEGED] = self.rollout.privileged[step, column]
         return obs
 
 
@@ -65,12 +77,29 @@ def experience(rollout: Rollout, normalizer: Normalizer, config: PPOConfig, hold
     starts = None
     if data.frames is not None:
         starts = frames.episode_starts(data.reset, data.frames.shape[0] - data.reward.shape[0])
-    return Experience(rollout, normalizer, advantage, starts, hold)
+    return Experience(rollout, normalizer, advantage, starts, hold=hold)
 
 
 def make_optimizer(config: PPOConfig) -> optax.GradientTransformation:
-    """Clips the gradient's global norm, then Adam without its learning rate (which :func:`descend` applies)."""
-    return optax.chain(optax.clip_by_global_norm(config.max_grad_norm), optax.scale_by_adam(eps=1e-5))
+    """Clips the gradient's global norm, then Adam without its learning rate (which :func:`descend` applies).
+
+    `separate` optimisers take two gradients, of the losses `policy` and `value`; each is clipped by itself and
+    has an Adam of its own, and both move what policy and value share, as in the authors' code (there one
+    after the other). With one clip the value's gradient, several times as large, shrinks the policy's steps.
+    """
+    each = optax.chain(optax.clip_by_global_norm(config.max_grad_norm), optax.scale_by_adam(eps=1e-5))
+    if config.optimizer == "joint":
+        return each
+
+    def init(params: Params) -> optax.OptState:
+        return {"policy": each.init(params), "value": each.init(params)}
+
+    def step(grads: Any, state: Any, params: Params | None = None) -> tuple[Params, optax.OptState]:
+        done = {name: each.update(grads[name], state[name]) for name in state}
+        changes = jax.tree.map(jp.add, done["policy"][0], done["value"][0])
+        return changes, {name: after for name, (_, after) in done.items()}
+
+    return optax.GradientTransformation(init, step)
 
 
 def learning_rate(config: PPOConfig, iteration: jax.Array) -> jax.Array:
@@ -104,17 +133,29 @@ def gradient(
     rows: jax.Array,
     axis_name: str | None = None,
     chunk: int | None = None,
-) -> tuple[Params, Metrics]:
-    """Gradient of a minibatch's loss, and the loss's terms; the arguments are :func:`update`'s."""
+    objective: Objective = loss_lib.loss,
+) -> tuple[Any, Metrics]:
+    """Gradient of a minibatch's loss, and the loss's terms; the arguments are :func:`update`'s.
+
+    With `separate` optimisers a dict of each one's gradient.
+    """
     whole = data.batch(rows)
     advantage = loss_lib.normalized_advantage(whole, axis_name)
     total_weight = psum(jp.sum(whole.weight), axis_name)
 
-    def share(params: Params, rows: jax.Array, advantage: jax.Array) -> tuple[jax.Array, Metrics]:
+    def share(params: Params, rows: jax.Array, advantage: jax.Array, owner: str | None) -> tuple[jax.Array, Metrics]:
         outputs = networks.apply(params, data.observation(rows))
-        return loss_lib.loss(outputs, data.batch(rows), advantage, total_weight, config)
+        losses, terms = objective(outputs, data.batch(rows), advantage, total_weight, config)
+        return sum(losses.values()) if owner is None else losses[owner], terms  # type: ignore[return-value]
 
-    part_gradient = jax.grad(share, has_aux=True)
+    def part_gradient(params: Params, rows: jax.Array, advantage: jax.Array) -> tuple[Any, Metrics]:
+        if config.optimizer == "joint":
+            return jax.grad(partial(share, owner=None), has_aux=True)(params, rows, advantage)
+        # The compiler makes one forward pass of the two, and leaves out what an owner's loss does not depend on.
+        each = {name: jax.grad(partial(share, owner=name), has_aux=True) for name in ("policy", "value")}
+        found = {name: grad(params, rows, advantage) for name, grad in each.items()}
+        return {name: grads for name, (grads, _) in found.items()}, found["policy"][1]
+
     parts = jax.tree.map(lambda x: x.reshape(chunk_count(x.size, chunk), -1), (rows, advantage))
     if parts[0].shape[0] == 1:
         return psum(part_gradient(params, rows, advantage), axis_name)
@@ -126,7 +167,7 @@ def gradient(
     return psum(total, axis_name)
 
 
-def descend(config: PPOConfig, learned: _Learned, grads: Params, rate: jax.Array) -> tuple[_Learned, Metrics]:
+def descend(config: PPOConfig, learned: _Learned, grads: Any, rate: jax.Array) -> tuple[_Learned, Metrics]:
     """One optimiser step; a gradient that is not finite is skipped and counted, and changes nothing."""
     norm = optax.global_norm(grads)
     usable = jp.isfinite(norm)
@@ -145,6 +186,7 @@ def update(
     rate: jax.Array,
     axis_name: str | None = None,
     chunk: int | None = None,
+    objective: Objective = loss_lib.loss,
 ) -> tuple[_Learned, Metrics]:
     """All epochs over one rollout.
 
@@ -161,13 +203,14 @@ def update(
         axis_name: mesh axis of the devices, if any.
         chunk: at most this many samples at once on a device; gradients add up, so that the result is the same but
             for rounding. On a CPU, chunks whose activations fit the cache are faster.
+        objective: what to minimise: PPO's loss, or a distillation's.
 
     Returns:
         New parameters and optimiser state, and metrics; equal on all devices.
     """
 
     def body(learned: _Learned, rows: jax.Array) -> tuple[_Learned, Metrics]:
-        grads, terms = gradient(networks, config, learned[0], data, rows, axis_name, chunk)
+        grads, terms = gradient(networks, config, learned[0], data, rows, axis_name, chunk, objective)
         learned, step = descend(config, learned, grads, rate)
         return learned, terms | step
 

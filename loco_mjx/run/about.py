@@ -12,7 +12,7 @@ from typing import Any
 
 import loco_mjx
 
-PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "flax", "optax", "brax", "orbax-checkpoint", "numpy")
+PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "flax", "optax", "orbax-checkpoint", "numpy")
 
 
 def versions() -> dict[str, str]:

@@ -5,6 +5,7 @@
 - ``metrics.csv``: the curves; tensorboard/ holds the same
 - ``checkpoints/``: the last two states (see loco_mjx/run/checkpoint.py)
 - ``evaluation/``: what `loco-mjx evaluate` found
+- ``teacher/``: the run of its teacher, for method `distill`
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from loco_mjx.errors import UserError
 
 CONFIG, INFO, LOCK, PARTIAL = "config.json", "info.json", "lock", ".partial"
 EXTENDABLE = "ppo.total_steps"
-_BEFORE_CONFIG = (LOCK, INFO, INFO + PARTIAL, CONFIG + PARTIAL)
+TEACHER = "teacher"  # the folder of a teacher's run, in that of the run that learns from it
+_BEFORE_CONFIG = (LOCK, INFO, INFO + PARTIAL, CONFIG + PARTIAL, TEACHER)  # a teacher trains before its run
 
 
 def write_json(path: Path, content: Any) -> None:

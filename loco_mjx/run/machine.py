@@ -1,9 +1,8 @@
-"""Sets this machine up for JAX: cores as devices, the persistent compilation cache, a quiet import of MJX."""
+"""Sets this machine up for JAX: cores as devices, and the persistent compilation cache."""
 
 from __future__ import annotations
 
 import contextlib
-import io
 import math
 import os
 from pathlib import Path
@@ -32,7 +31,9 @@ def cache_directory() -> Path:
 
 
 def set_up(cpu_devices: int | None = None) -> None:
-    """Configures JAX; to be called before anything runs on a device, harmless afterwards.
+    """Configures JAX as every command does: to be called before anything runs on a device, harmless afterwards.
+
+    Compiled programs are kept in :func:`cache_directory`, unless JAX has been told of another place.
 
     Args:
         cpu_devices: devices that the CPU counts as where there is no accelerator; None: one per core.
@@ -46,9 +47,6 @@ def set_up(cpu_devices: int | None = None) -> None:
         jax.config.update("jax_compilation_cache_dir", str(cache_directory()))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", MIN_COMPILE_SECONDS)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    # Without warp, which MJX uses only for its own renderer, importing it says so on stdout.
-    with contextlib.redirect_stdout(io.StringIO()):
-        import mujoco.mjx  # noqa: F401
 
 
 def _writable(folder: Path) -> bool:

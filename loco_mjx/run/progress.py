@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -29,14 +29,15 @@ def duration(seconds: float) -> str:
 class Reporter:
     """Shows samples, samples per second, time left, return, distance and KL.
 
-    Episode figures are of the last iteration in which an episode ended.
+    Episode figures are of the last iteration in which an episode ended. What is left takes as long, per sample, as what
+    came after the first iteration: that one holds the compilation. Evaluations and checkpoints are counted in.
     """
 
-    def __init__(self, console: Console, total: int, done: int) -> None:
-        """Starts at `done` of `total` samples."""
-        self._console, self._total, self._done = console, total, done
-        self._rate = 0.0
-        self._iterations = 0
+    def __init__(self, console: Console, total: int, done: int, clock: Callable[[], float] = time.monotonic) -> None:
+        """Starts at `done` of `total` samples; `clock` gives seconds."""
+        self._console, self._total, self._clock = console, total, clock
+        self._rate: float | None = None
+        self._first: tuple[int, float] | None = None  # samples after the first iteration, and when
         self._figures: dict[str, float] = {}
         self._last_line = -float("inf")
         self._progress: Progress | None = None
@@ -51,18 +52,32 @@ class Reporter:
             self._task = self._progress.add_task("compiling", total=total, completed=done)
             self._progress.start()
 
-    def update(self, done: int, samples_per_second: float, metrics: Mapping[str, float]) -> None:
-        """Takes in an iteration. The first one's rate is forgotten by the second: it holds the compilation."""
-        self._done = done
-        self._iterations += 1
-        old = samples_per_second if self._iterations <= 2 else self._rate
-        self._rate = (1 - _SMOOTH) * old + _SMOOTH * samples_per_second
+    def update(
+        self, done: int, samples_per_second: float, metrics: Mapping[str, float], left: float | None = None
+    ) -> None:
+        """Takes in an iteration.
+
+        Args:
+            done: samples so far.
+            samples_per_second: of the iteration; the first one's is not shown, since it holds the compilation.
+            metrics: of the iteration.
+            left: seconds that what is left takes; None: as this display has it.
+        """
+        now = self._clock()
+        if self._first is None:
+            self._first = (done, now)
+        else:
+            old = samples_per_second if self._rate is None else self._rate
+            self._rate = (1 - _SMOOTH) * old + _SMOOTH * samples_per_second
+        if left is None:
+            left = self._seconds_left(done, now - self._first[1])
         self._figures |= metrics
+        text = self._text(left)
         if self._progress is not None:
-            self._progress.update(self._task, completed=done, description=self._text())
-        elif time.monotonic() - self._last_line >= LINE_SECONDS or done >= self._total:
-            self._last_line = time.monotonic()
-            self._plain(f"{done:,}/{self._total:,} samples  {self._text()}")
+            self._progress.update(self._task, completed=done, description=text)
+        elif now - self._last_line >= LINE_SECONDS or done >= self._total:
+            self._last_line = now
+            self._plain(f"{done:,}/{self._total:,} samples  {text}")
 
     def say(self, text: str) -> None:
         """Prints a line beside the progress."""
@@ -79,8 +94,15 @@ class Reporter:
     def _plain(self, text: str) -> None:
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
-    def _text(self) -> str:
-        left = duration((self._total - self._done) / self._rate)
-        parts = [f"{self._rate:,.0f} samples/s", f"{left} left"]
+    def _seconds_left(self, done: int, seconds: float) -> float | None:
+        """What is left, from the seconds since the first iteration; None after that one."""
+        since = done - self._first[0] if self._first else 0
+        if done >= self._total:
+            return 0.0
+        return (self._total - done) * seconds / since if since else None
+
+    def _text(self, left: float | None) -> str:
+        parts = [] if self._rate is None else [f"{self._rate:,.0f} samples/s"]
+        parts.append("estimating the time left" if left is None else f"{duration(left)} left")
         parts += [f"{name} {form.format(self._figures[key])}" for name, key, form in FIGURES if key in self._figures]
         return "  ".join(parts)

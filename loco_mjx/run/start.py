@@ -11,7 +11,7 @@ from typing import Any
 import jax
 from rich.console import Console
 
-from loco_mjx.config import Config, to_dict
+from loco_mjx.config import Config, teacher_of, to_dict
 from loco_mjx.run import about, checkpoint, directory, hosts, loop
 from loco_mjx.run.progress import Reporter
 from loco_mjx.run.record import Run, common_step
@@ -31,6 +31,38 @@ def build(config: Config) -> Any:
     from loco_mjx.ppo.train import Trainer
 
     return Trainer(config, LocoEnv(config.env), make_mesh())
+
+
+def build_student(config: Config, teacher: Path) -> Any:
+    """As :func:`build`, for method `distill`; `teacher` is the finished run of its teacher."""
+    from loco_mjx.env import LocoEnv
+    from loco_mjx.evaluation.policy import load_policy
+    from loco_mjx.mesh import make_mesh
+    from loco_mjx.ppo.distill import DistillTrainer, Teacher
+
+    learnt = load_policy(teacher)
+    given = jax.device_get((learnt.params, learnt.normalizer))
+    return DistillTrainer(config, LocoEnv(config.env), Teacher(*given), make_mesh())
+
+
+def teach(run: Run, options: loop.LoopOptions, console: Console, command: list[str]) -> loop.Outcome | None:
+    """Trains the teacher of a run of method `distill`, in the run's folder `teacher`, or goes on with it.
+
+    Returns:
+        How that ended where it was stopped; None when the teacher is ready.
+
+    Raises:
+        UserError: as :func:`train`.
+    """
+    place = run.directory / directory.TEACHER
+    found = directory.find(place)
+    # One that is there was trained for as long as was asked for then.
+    config = teacher_of(run.config) if found is None else found
+    if found is not None and finished(place, config):
+        return None
+    console.print(f"first a teacher that sees what only a simulator knows, in {place}", soft_wrap=True)
+    outcome = train([Run(config, place)], options, console, command)
+    return None if outcome.signal is None else outcome
 
 
 def evaluators(runs: Sequence[Run], trainer: Any, options: loop.LoopOptions) -> list[loop.Evaluate]:
@@ -68,7 +100,13 @@ def train(runs: Sequence[Run], options: loop.LoopOptions, console: Console, comm
             directory.reconcile(run.directory, found, run.config)
     config = runs[0].config
     hosts.check_same(json.dumps(to_dict(config)), "configuration")
-    trainer = build(config)
+    if config.method == "distill":
+        stopped = teach(runs[0], options, console, command)
+        if stopped is not None:
+            return stopped
+        trainer = build_student(config, runs[0].directory / directory.TEACHER)
+    else:
+        trainer = build(config)
     learner = group(trainer, runs)
     with contextlib.ExitStack() as claims:
         done = common_step(runs)

@@ -9,8 +9,8 @@ import jax.numpy as jp
 
 from loco_mjx.scene.types import OBSTACLE, WALL, Boxes, Cylinders, Scene, Spheres, Terrain
 
-WALL_X = (-15.0, 45.0)  # m, where walls begin and end
-CANDIDATES = 32  # darts thrown at once
+WALL_X = (-12.0, 84.0)  # m, where walls begin and end
+CANDIDATES = 8  # darts thrown at once
 
 
 def make_boxes(

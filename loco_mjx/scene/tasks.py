@@ -34,10 +34,10 @@ class Task:
 
 
 _ALL = (
-    Task("thin", layouts.thin, "50 pillars between two walls"),
-    Task("wide", layouts.wide, "23 wide blocks between two walls"),
-    Task("thin-sphere", layouts.thin_sphere, "thin, with 50 spheres to collect"),
-    Task("wide-sphere", layouts.wide_sphere, "wide, with 50 spheres to collect"),
+    Task("thin", layouts.thin, "pillars between two walls"),
+    Task("wide", layouts.wide, "wide blocks between two walls"),
+    Task("thin-sphere", layouts.thin_sphere, "thin, with spheres to collect"),
+    Task("wide-sphere", layouts.wide_sphere, "wide, with spheres to collect"),
     Task("moving", layouts.moving, "thin, with moving pillars", moving=True),
     Task("mountain", layouts.mountain, "a rugged mountain with the goal on its summit", toward_goal=True),
     Task("heightfield", layouts.heightfield, "thin, on ground uneven by up to 5 cm"),

@@ -16,8 +16,8 @@ FLAT_RADIUS = 1.6  # m around the origin, level: the start is drawn within ±1 m
 GOAL_DISTANCE = 11.0  # m from the origin to a summit, horizontally
 GOAL_BEARING = 0.3  # rad, largest angle between +x and the summit
 MOUNTAIN_ORIGIN, MOUNTAIN_CELL, MOUNTAIN_SHAPE = (-4.0, -8.0), 0.1, (200, 160)
-UNEVEN_ORIGIN, UNEVEN_CELL, UNEVEN_SHAPE = (-4.02, -3.54), 0.12, (310, 60)
-FOREST_ORIGIN, FOREST_CELL, FOREST_SHAPE = (-4.0, -6.5), 0.12, (310, 110)
+UNEVEN_ORIGIN, UNEVEN_CELL, UNEVEN_SHAPE = (-12.18, -3.54), 0.12, (804, 60)
+FOREST_ORIGIN, FOREST_CELL, FOREST_SHAPE = (-12.0, -6.5), 0.12, (805, 110)
 
 
 def _axes(origin: tuple[float, float], cell: float, shape: tuple[int, int]) -> tuple[jax.Array, jax.Array]:

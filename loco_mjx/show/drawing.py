@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from loco_mjx.config import DepthConfig
 INSET = 0.32  # width of the inset, of the view's
 MARGIN = 0.02  # between inset and border, of the view's width
 STRONGEST = 0.75  # opacity of the most attended place
+TOP = 4.0  # times uniform attention, the end of its scale; a policy that has learnt nothing stays near 1
+LABEL = "attention ÷ uniform"
 
 
 def aspect(config: DepthConfig) -> float:
@@ -45,15 +48,53 @@ def _spread(count: int, size: int) -> np.ndarray:
     return np.maximum(0.0, 1.0 - np.abs(place[None] - np.arange(count)[:, None]))
 
 
+def times_uniform(attention: np.ndarray) -> np.ndarray:
+    """Attention as a multiple of what every token gets that all share alike, the state token itself among them.
+
+    Args:
+        attention: (N·N,) of the state token to the visual tokens; what remains to 1 goes to itself.
+    """
+    return np.asarray(attention, np.float64) * (np.size(attention) + 1)
+
+
 def overlay(depth: np.ndarray, attention: np.ndarray, config: DepthConfig) -> np.ndarray:
-    """(H, W, 3) uint8: the depth image in grey under the attention, most opaque where it is strongest."""
+    """(H, W, 3) uint8: the depth image in grey under the attention, on one scale for every frame and policy.
+
+    Uniform attention and less is clear; :data:`TOP` times as much and more is strongest.
+    """
+    spread = heat(times_uniform(attention), *depth.shape)
+    return _bytes(attended(spread, depth_picture(depth, config, grey=True) / 255.0))
+
+
+def attended(times: np.ndarray, under: np.ndarray) -> np.ndarray:
+    """What shows through, under the colour of attention.
+
+    Args:
+        times: (..., n) attention, in multiples of uniform.
+        under: (..., n, 3) or (3,) colours, 0 … 1.
+    """
     from matplotlib import colormaps
 
-    spread = heat(attention, *depth.shape)
-    part = spread / max(float(spread.max()), 1e-9)
+    part = np.clip((times - 1.0) / (TOP - 1.0), 0.0, 1.0)
     opacity = STRONGEST * part[..., None]
-    under = depth_picture(depth, config, grey=True) / 255.0
-    return _bytes((1.0 - opacity) * under + opacity * colormaps["hot"](0.25 + 0.55 * part)[..., :3])
+    return (1.0 - opacity) * under + opacity * colormaps["hot"](0.25 + 0.55 * part)[..., :3]
+
+
+@cache
+def scale(columns: int) -> np.ndarray:
+    """(rows, columns, 3) uint8 bar of attention's colours over a middle grey, with its label beneath."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    letters = max(columns / 13, 7.0)  # pixels high
+    bar, rows = round(0.6 * letters), round(2.1 * letters)
+    canvas = FigureCanvasAgg(Figure(figsize=(columns / 100, (rows - bar) / 100), dpi=100))
+    for place, side, text in ((0.01, "left", "≤1"), (0.5, "center", LABEL), (0.99, "right", f"≥{TOP:g}")):
+        canvas.figure.text(place, 0.5, text, ha=side, va="center", fontsize=0.65 * letters)
+    canvas.draw()
+    words = np.asarray(canvas.buffer_rgba())[..., :3]
+    colours = _bytes(attended(np.linspace(1.0, TOP, columns), np.full(3, 0.5)))
+    return np.concatenate([np.broadcast_to(colours, (bar, columns, 3)), words])
 
 
 def enlarge(image: np.ndarray, rows: int, columns: int) -> np.ndarray:
@@ -82,6 +123,15 @@ def with_inset(view: np.ndarray, image: np.ndarray, ratio: float) -> np.ndarray:
     out = view.copy()
     out[max(rows.start - 1, 0) : rows.stop + 1, max(columns.start - 1, 0) : columns.stop + 1] = 255
     out[rows, columns] = enlarge(image, rows.stop - rows.start, columns.stop - columns.start)
+    return out
+
+
+def with_scale(view: np.ndarray, ratio: float) -> np.ndarray:
+    """A copy of a view with an inset, with the scale of attention below it."""
+    rows, columns = inset_box(view.shape[:2], ratio)
+    bar = scale(columns.stop - columns.start)[: view.shape[0] - rows.stop]
+    out = view.copy()
+    out[rows.stop + 1 : rows.stop + 1 + len(bar), columns] = bar[: len(out) - rows.stop - 1]
     return out
 
 

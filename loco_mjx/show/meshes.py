@@ -8,7 +8,9 @@ import mujoco
 import numpy as np
 import trimesh
 
-GROUND = 60.0  # m, side of the square that stands for an endless plane
+TILE = 1.0  # m, side of a square of the floor's checker
+FLOOR_TILES = 40  # across the square that stands for an endless plane, where the robot is
+FLOOR_COLOURS = ((140, 144, 150), (92, 97, 104))
 SEEN_GROUPS = (1, 2)  # of geoms: the robot's looks, the scene's (scene/mjcf.py)
 _GEOM = mujoco.mjtGeom
 
@@ -17,8 +19,6 @@ def colour(model: mujoco.MjModel, geom: int) -> tuple[int, int, int]:
     """The colour of a geom, 0 … 255: its material's, where it has one."""
     material = model.geom_matid[geom]
     rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-    if model.geom_type[geom] == _GEOM.mjGEOM_PLANE:
-        rgba = np.array([0.5, 0.52, 0.54, 1.0])  # its material is white under a texture
     red, green, blue = (round(255 * float(part)) for part in rgba[:3])
     return red, green, blue
 
@@ -40,8 +40,6 @@ def mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
 
 def _shape(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
     kind, size = model.geom_type[geom], model.geom_size[geom]
-    if kind == _GEOM.mjGEOM_PLANE:
-        return trimesh.creation.box((GROUND, GROUND, 0.02), np.diag([1.0, 1, 1, 1]) + _down(0.01))
     if kind == _GEOM.mjGEOM_BOX:
         return trimesh.creation.box(2 * size)
     if kind == _GEOM.mjGEOM_SPHERE:
@@ -55,10 +53,37 @@ def _shape(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
     raise ValueError(f"no triangles for geoms of type {kind}")
 
 
-def _down(by: float) -> np.ndarray:
-    shift = np.zeros((4, 4))
-    shift[2, 3] = -by
-    return shift
+def floor() -> list[tuple[str, trimesh.Trimesh, tuple[int, int, int]]]:
+    """A checkered square at z = 0 about the origin, name, triangles and colour of its light and its dark tiles.
+
+    It stands for an endless plane when it goes along with the robot by :func:`floor_place`.
+    """
+    index = np.arange(FLOOR_TILES) - FLOOR_TILES // 2
+    row, column = (side.ravel() for side in np.meshgrid(index, index))
+    pieces = []
+    for parity, paint in enumerate(FLOOR_COLOURS):
+        mine = (row + column) % 2 == parity
+        corner = np.stack([row[mine], column[mine], np.zeros(mine.sum())], axis=1)
+        square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+        vertices = TILE * (corner[:, None] + square).reshape(-1, 3)
+        first = 4 * np.arange(len(corner))[:, None, None]
+        faces = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+        pieces.append((f"tiles{parity}", trimesh.Trimesh(vertices, faces, process=False), paint))
+    return pieces
+
+
+def floor_place(robot: np.ndarray) -> np.ndarray:
+    """(3,) where the floor lies for a robot at (3,) m: near it, and moved by what the checker repeats after."""
+    place = 2 * TILE * np.round(np.asarray(robot, np.float64) / (2 * TILE))
+    return place * np.array([1.0, 1.0, 0.0])
+
+
+def has_floor(model: mujoco.MjModel) -> bool:
+    """Whether a plane is to be seen."""
+    return any(
+        model.geom_type[geom] == _GEOM.mjGEOM_PLANE and model.geom_group[geom] in SEEN_GROUPS
+        for geom in range(model.ngeom)
+    )
 
 
 def _heightfield(model: mujoco.MjModel, index: int) -> trimesh.Trimesh:
@@ -79,7 +104,7 @@ def _heightfield(model: mujoco.MjModel, index: int) -> trimesh.Trimesh:
 def by_body(
     model: mujoco.MjModel, apart: set[int]
 ) -> dict[int, list[tuple[str, trimesh.Trimesh, tuple[int, int, int]]]]:
-    """What is seen of each body: name, triangles and colour, one piece per colour.
+    """What is seen of each body but planes: name, triangles and colour, one piece per colour.
 
     Args:
         model: compiled from a scene.
@@ -88,6 +113,8 @@ def by_body(
     pieces: dict[int, dict[tuple[str, tuple[int, int, int]], list[trimesh.Trimesh]]] = {}
     for geom in range(model.ngeom):
         if geom not in apart and model.geom_group[geom] not in SEEN_GROUPS:
+            continue
+        if model.geom_type[geom] == _GEOM.mjGEOM_PLANE:  # endless: see `floor`
             continue
         paint = colour(model, geom)
         name = f"geom{geom}" if geom in apart else "colour{:02x}{:02x}{:02x}".format(*paint)

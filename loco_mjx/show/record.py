@@ -77,7 +77,7 @@ def record(
                 eyes = [painter.eye(moment, kind) for kind in ((False, True) if attention else (False,))]
                 pictures.append((index * a1.CONTROL_DT, painter.view(moment), [eye for eye in eyes if eye is not None]))
     if figure is not None:
-        names = ("depth", "attention")[: len(pictures[0][2])]
+        names = ("depth", video.ATTENTION)[: len(pictures[0][2])]
         rows = [("view", [view for _, view, _ in pictures])]
         rows += [(name, [eyes[place] for _, _, eyes in pictures]) for place, name in enumerate(names)]
         video.strip(rows, [time for time, _, _ in pictures], drawing.aspect(depth), figure)

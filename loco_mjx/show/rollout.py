@@ -142,10 +142,10 @@ class Rollout:
 
     def _look(self) -> Moment:
         state = self._state
-        step = state.info["steps"]
+        world = state.pipeline_state
+        step = world.episode.step
         self._action, attention, self._held = self._act(state.obs, self._held, step, self._key)
         frames = state.obs.get(DEPTH)
-        world = state.pipeline_state
         self._moment = Moment(
             qpos=np.asarray(world.physics.qpos, np.float64),
             scene=world.scene,

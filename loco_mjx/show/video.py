@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from loco_mjx.show.rollout import Moment, Rollout
 from loco_mjx.show.stage import Follower, Stage
 
 RATE = round(1 / a1.CONTROL_DT)  # control steps per second
+ATTENTION = "attention"  # the row of a figure that has a scale
 VIDEOS, FIGURES = (".mp4", ".gif"), (".png", ".svg")
 # One palette for the whole film, and no dither: what stands still costs nothing.
 GIF = ["-filter_complex", "split[a][b];[a]palettegen=max_colors=96[p];[b][p]paletteuse=dither=none:diff_mode=rectangle"]
@@ -29,7 +32,7 @@ class Painter:
     def __init__(self, rows: int, columns: int, depth: DepthConfig, what: str) -> None:
         """Size of the view, the camera's configuration, and the option that asked, for complaints."""
         self.rows, self.columns, self.depth, self.what = rows, columns, depth, what
-        self._follower, self._episode = Follower(), -1
+        self._follower, self._episode = Follower(ratio=columns / rows), -1
         self._open = contextlib.ExitStack()
 
     def __enter__(self) -> Painter:
@@ -61,7 +64,11 @@ class Painter:
     def frame(self, moment: Moment, attention: bool) -> np.ndarray:
         """The view with the depth image as its inset."""
         view, eye = self.view(moment), self.eye(moment, attention)
-        return view if eye is None else drawing.with_inset(view, eye, drawing.aspect(self.depth))
+        if eye is None:
+            return view
+        shown = drawing.with_inset(view, eye, drawing.aspect(self.depth))
+        scaled = attention and moment.attention is not None
+        return drawing.with_scale(shown, drawing.aspect(self.depth)) if scaled else shown
 
 
 def moments(rollout: Rollout, seed: int, count: int) -> Iterator[Moment]:
@@ -103,31 +110,55 @@ def check_output(path: Path, suffixes: tuple[str, ...], overwrite: bool) -> None
 @contextlib.contextmanager
 def writer(path: Path, rows: int, columns: int, fps: float) -> Iterator[Callable[[np.ndarray], Any]]:
     """Gives a function that adds a (rows, columns, 3) frame; the file appears whole, when all are written."""
+    partial = path.with_name(f".partial-{path.name}")
+    command = _command(partial, rows, columns, fps, gif=path.suffix.lower() == ".gif")
+    with tempfile.TemporaryFile() as log:
+        # A group of its own keeps Ctrl-C from it; a `preexec_fn` would fork, which is unsafe beside JAX's threads.
+        film = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=log, process_group=0)
+        pipe = cast(IO[bytes], film.stdin)
+        try:
+            yield lambda frame: pipe.write(frame.tobytes())
+            pipe.close()
+            if film.wait():
+                raise OSError(f"ffmpeg ended with {film.returncode}")
+            partial.replace(path)
+        except OSError as error:
+            film.kill()
+            film.wait()
+            raise UserError(f"cannot write '{path}': {_complaint(log) or error.strerror or error}") from error
+        finally:
+            film.kill()
+            with contextlib.suppress(OSError):
+                pipe.close()
+            film.wait()
+            partial.unlink(missing_ok=True)
+
+
+def _command(path: Path, rows: int, columns: int, fps: float, gif: bool) -> list[str]:
+    """The command of ffmpeg for raw frames on its standard input."""
     import imageio_ffmpeg
 
-    partial = path.with_name(f".partial-{path.name}")
-    gif = path.suffix.lower() == ".gif"
-    film = imageio_ffmpeg.write_frames(
-        str(partial),
-        (columns, rows),
-        fps=fps,
-        codec="gif" if gif else "libx264",
-        pix_fmt_out="pal8" if gif else "yuv420p",
-        macro_block_size=2,
-        output_params=GIF if gif else MP4,
-        quality=None,
-        ffmpeg_log_level="error",
-    )
-    try:
-        film.send(None)
-        yield lambda frame: film.send(np.ascontiguousarray(frame))
-        film.close()
-        partial.replace(path)
-    except OSError as error:
-        raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
-    finally:
-        film.close()
-        partial.unlink(missing_ok=True)
+    frames = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{columns}x{rows}", "-r", str(fps), "-i", "-"]
+    codec = ["-c:v", "gif", *GIF] if gif else ["-c:v", "libx264", "-pix_fmt", "yuv420p", *MP4]
+    return [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", *frames, "-an", *codec, str(path)]
+
+
+def _complaint(log: IO[bytes]) -> str:
+    """What ffmpeg complained of first; the rest follows from it."""
+    log.seek(0)
+    lines = log.read().decode(errors="replace").split("\n")
+    return next((line.strip() for line in lines if line.strip()), "")
+
+
+def _add_scale(figure: Any, axes: Any) -> None:
+    """The bar of attention's colours at the end of a row."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+
+    colours = ListedColormap(drawing.attended(np.linspace(1.0, drawing.TOP, 256), np.full(3, 0.5)))
+    bar = figure.colorbar(ScalarMappable(Normalize(1.0, drawing.TOP), colours), ax=axes, extend="both")
+    bar.set_label(drawing.LABEL, fontsize=8)
+    bar.ax.tick_params(labelsize=7)
 
 
 def strip(rows: list[tuple[str, list[np.ndarray]]], times: list[float], ratio: float, path: Path) -> None:
@@ -152,6 +183,8 @@ def strip(rows: list[tuple[str, list[np.ndarray]]], times: list[float], ratio: f
             if place == 0:
                 axis.set_title(f"{time:.1f} s", fontsize=9)
         axes[place][0].set_ylabel(name, fontsize=9)
+        if name == ATTENTION:
+            _add_scale(figure, axes[place])
     try:
         figure.savefig(path, dpi=110)
     except OSError as error:

@@ -88,6 +88,8 @@ class Viewer:
         self._following = gui.add_checkbox("Follow the robot", self.follow)
         self._attending = gui.add_checkbox("Attention", self.overlay, disabled=not self.overlay)
         self._eye = gui.add_image(np.zeros((*EYE, 3), np.uint8), label="Depth", format="png")
+        self._looked = gui.add_image(np.zeros((*EYE, 3), np.uint8), label="Attention over depth", format="png")
+        self._looked.visible = False
         self._pause.on_click(lambda _: self.ask(self.toggle))
         self._single.on_click(lambda _: self.ask(self.single))
         self._again.on_click(lambda _: self.ask(self.reset))
@@ -124,7 +126,7 @@ class Viewer:
         self.reset()
 
     def attend(self, overlay: bool) -> None:
-        """Draws attention over the depth image, or not."""
+        """Shows attention beside the depth image, or not."""
         self.overlay = overlay
         if self.rollout is not None:
             self._draw(self._moment)
@@ -223,6 +225,11 @@ class Viewer:
             scene.reset()
             self._world = scene.add_frame(WORLD, show_axes=False)
             self._nodes, self._spheres = {}, {}
+            self._floor = scene.add_frame(f"{WORLD}/floor", show_axes=False)
+            for name, mesh, paint in meshes.floor() if meshes.has_floor(self.stage.model) else ():
+                scene.add_mesh_simple(
+                    f"{WORLD}/floor/{name}", mesh.vertices, mesh.faces, color=paint, cast_shadow=False
+                )
             for body, pieces in meshes.by_body(self.stage.model, set(self.stage.spheres.values())).items():
                 self._nodes[body] = scene.add_frame(f"{WORLD}/body{body}", show_axes=False)
                 for name, mesh, paint in pieces:
@@ -244,19 +251,24 @@ class Viewer:
                     node.position, node.wxyz = data.xpos[body], data.xquat[body]
             for geom, node in self._spheres.items():
                 node.visible = bool(self.stage.model.geom_group[geom] != HIDDEN_GROUP)
+            self._floor.position = meshes.floor_place(moment.qpos[:3])
             if self.follow:  # the world is moved instead of the camera, which stays the user's to turn
                 self._world.position = -moment.qpos[:3] * np.array([1.0, 1.0, 0.0])
         self._draw_eye(moment)
 
     def _draw_eye(self, moment: Any) -> None:
-        if moment.depth is None:
-            self._eye.visible = False
-            return
+        """The depth image, and beside it the attention where it is asked for, with its scale."""
+        seen = moment.depth is not None
+        looked = seen and self.overlay and moment.attention is not None
+        for panel, shown in ((self._eye, seen), (self._looked, looked)):
+            if panel.visible != shown:
+                panel.visible = shown
         depth = self.rollout.config.observation.depth  # type: ignore[union-attr]
-        attended = self.overlay and moment.attention is not None
-        draw = drawing.overlay(moment.depth, moment.attention, depth) if attended else None
-        picture = drawing.depth_picture(moment.depth, depth) if draw is None else draw
-        self._eye.image = drawing.enlarge(picture, *EYE)
+        if seen:
+            self._eye.image = drawing.enlarge(drawing.depth_picture(moment.depth, depth), *EYE)
+        if looked:
+            over = drawing.enlarge(drawing.overlay(moment.depth, moment.attention, depth), *EYE)
+            self._looked.image = np.concatenate([over, drawing.scale(EYE[1])])
 
 
 def _check_port(host: str, port: int) -> None:

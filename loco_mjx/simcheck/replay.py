@@ -14,11 +14,11 @@ from typing import Any
 
 import jax
 import numpy as np
-from brax.envs.base import State
 
 from loco_mjx import a1
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.observer import Observer
+from loco_mjx.env.state import State
 from loco_mjx.scene import mjcf
 from loco_mjx.simcheck.sides import Policy, WatchedRobot, one
 
@@ -156,4 +156,4 @@ def _settled(manifest: Manifest) -> int:
 
 
 def _targets(state: State) -> np.ndarray:
-    return np.asarray(state.info["last_action"], np.float64) + np.array(a1.DEFAULT_POSE)
+    return np.asarray(state.pipeline_state.episode.last_action, np.float64) + np.array(a1.DEFAULT_POSE)

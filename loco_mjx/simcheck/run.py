@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from brax.envs.base import State
 
 from loco_mjx import config as config_lib
 from loco_mjx.deploy import folder
 from loco_mjx.deploy.session import Session
 from loco_mjx.env.loco_env import LocoEnv
+from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import Figures, evaluation_config, figures
 from loco_mjx.mesh import dividing, make_mesh

@@ -14,7 +14,6 @@ from typing import Any
 import jax
 import jax.numpy as jp
 import numpy as np
-from brax.envs.base import State
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
@@ -23,6 +22,7 @@ from loco_mjx.deploy.folder import DEPTH, STATE, Manifest
 from loco_mjx.deploy.mujoco_robot import HIDDEN_GROUP, SEEN_GROUP, MujocoRobot
 from loco_mjx.deploy.observer import Observer
 from loco_mjx.env.loco_env import LocoEnv
+from loco_mjx.env.state import State
 from loco_mjx.mesh import AXIS, spread
 from loco_mjx.physics.step import Outcome, PhysicsState
 from loco_mjx.scene import mjcf
@@ -30,7 +30,7 @@ from loco_mjx.scene.types import Scene
 
 Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 KEYS = {STATE: "state", DEPTH: "pixels/depth"}
-FEET = tuple(f"{leg}_foot_sphere" for leg in a1.LEGS)
+ROUGH = tuple(f"{leg}_{part}_sphere" for part in ("foot", "knee") for leg in a1.LEGS)  # what friction holds
 
 
 def start(env: LocoEnv, seed: int, episodes: int) -> State:
@@ -142,8 +142,8 @@ class CSide:
     def _robot(self, scene: Scene, qpos: np.ndarray) -> WatchedRobot:
         model = mjcf.scene_spec(scene).compile()
         model.key_qpos[0] = qpos
-        for foot in FEET:
-            model.geom(foot).friction[0] = self._env.config.physics.friction
+        for name in ROUGH:
+            model.geom(name).friction[0] = self._env.config.physics.friction
         return WatchedRobot(model, self._manifest.camera, lying=False)
 
     def step(self, state: State, t: int, alive: np.ndarray) -> State:
@@ -174,7 +174,8 @@ class CSide:
         trace = [jp.repeat(x[:, None], a1.SUBSTEPS + 1, axis=1) for x in (qpos[:, 7:], qpos[:, 3:7], qvel[:, 3:6])]
         squared = jp.asarray([robot.torque_squared / a1.SUBSTEPS for robot in self.robots], jp.float32)
         contact = jp.asarray([robot.contact for robot in self.robots])
-        return PhysicsState(qpos, qvel, jp.zeros_like(qvel)), Outcome(squared, contact, *trace)
+        dropped = jp.zeros(len(self.robots), jp.int32)  # C feels everything
+        return PhysicsState(qpos, qvel, jp.zeros_like(qvel)), Outcome(squared, contact, dropped, *trace)
 
 
 def one(tree: Any, i: int | np.integer) -> Any:

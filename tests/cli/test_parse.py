@@ -2,6 +2,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import pytest
+import tyro
 
 from loco_mjx.cli.parse import parse
 from loco_mjx.errors import UserError
@@ -77,3 +78,36 @@ def test_help_is_printed_and_is_no_error(capsys):
         read("--help")
     assert stop.value.code in (0, None)
     assert "--inner.learning-rate" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (("--task", "thin", "--task", "wide"), ("--task is given twice, as 'thin' and as 'wide'", "accepted: once")),
+        (("--task=thin", "--task", "wide"), ("--task is given twice",)),
+        (("--inner.sizes", "1", "2", "--json", "--inner.sizes", "1", "3"), ("'1 2'", "'1 3'")),
+        (("--inner.learning_rate=1", "--inner.learning-rate=2"), ("--inner.learning-rate is given twice",)),
+        (("--count", "-1", "--count", "-2"), ("'-1'", "'-2'")),
+    ],
+)
+def test_an_option_given_twice_with_different_values_is_refused(args, words):
+    said = complaint(*args)
+    assert all(word in said for word in words), said
+
+
+def test_an_option_may_be_repeated():
+    assert read("--task", "wide", "--json", "--task=wide", "--json") == Options("wide", json=True)
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Does things somewhere."""
+
+    directory: tyro.conf.Positional[str]
+    count: int = 1
+
+
+def test_a_free_word_is_no_value_of_the_option_before_it():
+    assert parse(Placed, ["--count", "2", "run", "--count", "2"], "loco-mjx do") == Placed("run", 2)
+    with pytest.raises(UserError, match="--count is given twice"):
+        parse(Placed, ["--count", "2", "run", "--count", "3"], "loco-mjx do")

@@ -20,6 +20,12 @@ SMALL = [
 RUN = ["train", *SMALL, "--total-steps", "192"]
 
 
+def without(option):
+    """RUN without an option of one value."""
+    place = RUN.index(option)
+    return RUN[:place] + RUN[place + 2 :]
+
+
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch, tmp_path):
     """The real command in an empty directory, with a tiny environment in place of the robot."""
@@ -45,10 +51,15 @@ BAD = {
     "key": (["train", "--ppo.clipp", "3"], ["'--ppo.clipp'", "'--ppo.clip'", "--ppo.epochs"]),
     "value": (["train", "--seed", "x"], ["--seed", "x"]),
     "seed": (["train", "--seed", "99999999999999999999"], ["seed is 99999999999999999999", "2147483647"]),
-    "minibatch": ([*RUN, "--ppo.minibatch", "5"], ["ppo.minibatch 5", "32 samples"]),
-    "none": ([*RUN, "--num-envs", "0"], ["ppo.num_envs is 0", "1 or more"]),
-    "negative": ([*RUN, "--total-steps", "-5"], ["ppo.total_steps is -5", "1 or more"]),
+    "minibatch": ([*without("--ppo.minibatch"), "--ppo.minibatch", "5"], ["ppo.minibatch 5", "32 samples"]),
+    "none": ([*without("--num-envs"), "--num-envs", "0"], ["ppo.num_envs is 0", "1 or more"]),
+    "negative": ([*without("--total-steps"), "--total-steps", "-5"], ["ppo.total_steps is -5", "1 or more"]),
     "tokens": (["train", "--network.tokens-per-side", "3"], ["--network.tokens-per-side", "'3'"]),
+    "two tasks": (["train", "--task", "thin", "--env.task", "wide"], ["--task is thin", "--env.task is wide"]),
+    "two sizes": ([*RUN, "--ppo.num-envs", "8"], ["--num-envs is 4", "--ppo.num-envs is 8"]),
+    "two totals": ([*RUN, "--ppo.total_steps=8"], ["--total-steps is 192", "--ppo.total-steps is 8"]),
+    "two presets": (["train", "--preset", "fast", "--preset", "paper"], ["--preset", "twice", "'fast'", "'paper'"]),
+    "two seeds": ([*RUN, "--seed", "1", "--seeds", "1-2"], ["--seed and --seeds"]),
     "no depth": (
         ["train", "--preset", "fast", "--env.observation.depth.enabled", "False"],
         ["depth", "loco-transformer"],
@@ -131,12 +142,39 @@ def test_the_policy_decides_whether_depth_is_rendered():
     assert not blind.env.observation.depth.enabled and seeing.env.observation.depth.enabled
 
 
+def test_a_teacher_is_trained_first_and_its_run_is_where_the_policys_is(monkeypatch, tmp_path, capsys):
+    """Both parts by the tiny learner: what is asked of them, in which order, and what a repeated command does."""
+    built = []
+
+    def note(config, *teacher):
+        built.append((config, *teacher))
+        return tiny_trainer(train.configuration(train.read(RUN[1:])))
+
+    monkeypatch.setattr(start, "build", note)
+    monkeypatch.setattr(start, "build_student", note)
+    command = [*RUN, "--method", "distill", "--distill.teacher-ratio", "2", "--distill.minibatch", "16", "--out", "run"]
+    assert main(command) == 0
+    (teacher, *_), (student, place) = built
+    assert str(place) == "run/teacher" and start.finished(place, teacher)
+    assert teacher.policy == "privileged" and teacher.ppo.total_steps == 2 * 192
+    assert student.policy == "state-only" and student.method == "distill" and student.network.critic == "privileged"
+    assert main(command) == 0 and len(built) == 2
+    assert "is finished" in capsys.readouterr().out
+    assert main([*command[:-2], "--seeds", "0-1"]) == 2
+
+
 def test_the_preset_gives_the_defaults_and_options_override_it():
     paper = train.configuration(train.read(["--preset", "paper", "--ppo.clip", "0.3", "--task", "wide", "--seed", "4"]))
     assert (paper.ppo.learning_rate, paper.ppo.epochs, paper.ppo.clip) == (1e-4, 3, 0.3)
     assert (paper.env.task, paper.seed) == ("wide", 4)
     fast = train.configuration(train.read([]))
     assert fast.env.action.scale == (0.2, 0.5, 0.5)
+
+
+def test_a_key_and_its_short_form_may_agree_or_stand_alone():
+    both = train.configuration(train.read(["--task", "wide", "--env.task", "wide", "--env.task=wide"]))
+    assert both == train.configuration(train.read(["--env.task", "wide"]))
+    assert both.env.task == "wide"
 
 
 def test_without_a_budget_a_cpu_gets_one_of_minutes_and_is_told_what_all_would_take(capsys, monkeypatch):

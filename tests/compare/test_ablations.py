@@ -124,7 +124,7 @@ def test_a_sweep_and_the_papers_table_know_an_ablation_by_its_configuration(chan
     in_table = [row.label for row in paper.ABLATION.rows if row.variant.matches(flat)]
     names = {"tokens_per_side=1": "N=1", "tokens_per_side=2": "N=2", "layers=1": "L=1", "layers=3": "L=3"}
     label = "N=4, L=2" if same_as_plain else names.get(change)
-    assert in_table == ([f"Ours ({label})"] if label else [])
+    assert in_table == ([f"LocoTransformer ({label})"] if label else [])
 
 
 def test_diagonal_actions_move_diagonal_legs_alike():

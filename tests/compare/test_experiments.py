@@ -1,8 +1,12 @@
 import dataclasses
+import json
+import shutil
 
 import jax
 import pytest
 
+from experiments import committed, document, ordering
+from experiments.committed import BESIDE
 from experiments.paper import EXPERIMENTS, cells_of
 from loco_mjx.compare import paper
 from loco_mjx.config import EnvConfig, to_dict
@@ -74,3 +78,22 @@ def test_the_smallest_scale_has_every_task_policy_and_ablation_once(tmp_path, ce
 def test_mistakes(tmp_path, names, scale, said):
     with pytest.raises(UserError, match=said):
         cells_of(names, tmp_path, scale)
+
+
+def test_results_made_before_and_after_a_metric_are_documented_alike(tmp_path, monkeypatch):
+    """The committed runs as they are, with the new metrics taken away, and with them put in."""
+    whole = document.learning() + ordering.comparison()
+    assert "| thin-loco-transformer-seed0 |" in whole and "On `wide`:" in whole
+    new = {name: {"mean": 1.25, "std": 0.5} for name in BESIDE}
+    for name, more in (("old", {}), ("new", new)):
+        monkeypatch.setattr(committed, "RESULTS", tmp_path / name)
+        shutil.copytree(document.RESULTS / "learning", tmp_path / name / "learning")
+        for path in (tmp_path / name).rglob("evaluation*.json"):
+            result = json.loads(path.read_text())
+            kept = {key: value for key, value in result["metrics"].items() if key not in new}
+            path.write_text(json.dumps(result | {"metrics": kept | more}))
+    text = document.learning() + ordering.comparison()
+    assert "| 1.25 | 1.25 | 1.25 | 1 |" in text and "| 1.25 ± 0.00 | 1.25 ± 0.00 | 1.25 ± 0.00 | 1 ± 0 |" in text
+    monkeypatch.setattr(committed, "RESULTS", tmp_path / "old")
+    text = document.learning() + ordering.comparison()
+    assert "| — | — | — | — |" in text and "1.25" not in text

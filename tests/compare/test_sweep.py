@@ -15,10 +15,11 @@ from loco_mjx.cli import sweep as sweep_cli
 from loco_mjx.cli import train
 from loco_mjx.cli.main import main
 from loco_mjx.compare import estimate, execute, launch
-from loco_mjx.compare.cells import PROGRAM, Plan
+from loco_mjx.compare.cells import IMPORTS, PROGRAM, Plan
 from loco_mjx.compare.variant import Variant, parse_variant
 from loco_mjx.config import to_dict
 from loco_mjx.run import checkpoint, directory
+from tests.compare.runs import write_evaluation
 
 STATE, TRANSFORMER = Variant("state-only"), Variant("loco-transformer")
 STEPS = 16_384  # two iterations
@@ -52,8 +53,8 @@ class Stub:
 
     def evaluate(self, words):
         task, episodes = words[words.index("--task") + 1], int(words[words.index("--episodes") + 1])
-        path = f"{words[0]}/evaluation/{task}-{STEPS}-seed0.json"
-        directory.write_json(Path(path), {"num_episodes": episodes})
+        metrics = {"distance": 10.0 + 2 * words[0].endswith("seed1"), "collisions": 4.0, "speed": 0.5}
+        write_evaluation(Path(words[0]), task, STEPS, episodes, **metrics, collisions_per_metre=0.25)
 
 
 def cells(out, seeds=(0, 1), **plan):
@@ -83,6 +84,19 @@ def test_every_cell_is_trained_and_evaluated_and_skipped_the_next_time(tmp_path,
     result, out = run(cells(tmp_path), again, capsys)
     assert again.ran == [] and len(result.skipped) == 4
     assert "0 run, 4 finished before, 0 failed" in out
+
+
+def test_it_ends_with_what_was_measured(tmp_path, capsys):
+    _, out = run(cells(tmp_path), Stub(fails=["loco-transformer --seed 1"]), capsys)
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if line.startswith("│")]
+    measured = [row for row in rows if len(row) == 9]
+    own = ["11.00 ± 1.00", "4.0 ± 0.0", "0.25 ± 0.00", "0.50 ± 0.00", "—", "—", "2"]
+    assert ["thin", "state-only", *own] in measured and ["thin → wide", "state-only", *own] in measured
+    assert ["thin", "loco-transformer", "10.00", "4.0", "0.25", "0.50", "—", "—", "1"] in measured
+    # What cannot be read does not hide that the runs have ended.
+    write_evaluation(tmp_path / "thin/state-only/seed0", "forest").write_text("{}")
+    result, out = run(cells(tmp_path), Stub(), capsys)
+    assert not result.failed and "no summary:" in out
 
 
 def test_more_evaluation_of_finished_runs_trains_nothing(tmp_path, capsys):
@@ -137,17 +151,45 @@ def test_the_configuration_of_a_cell_is_what_its_command_trains(tmp_path):
     assert cell.path == tmp_path / "wide" / "loco-transformer+layers=1" / "seed4"
 
 
-def test_the_time_left_is_samples_over_the_rate_of_the_same_policy(tmp_path, capsys, monkeypatch):
+@pytest.fixture
+def two_cores(monkeypatch):
     monkeypatch.setattr(estimate.shutil, "which", lambda name: None)
     monkeypatch.setattr(estimate.machine, "cores", lambda: 2)
+
+
+def test_without_a_run_the_time_is_that_of_compiling_training_and_evaluating(tmp_path, two_cores):
+    blind, seeing, again, _ = all_cells = cells(tmp_path)
+    known = estimate.paces(all_cells)
+    assert (known["state-only"].rate, known["loco-transformer"].rate) == (8000.0, 800.0)
+    # Two evaluations while training and two tasks afterwards, each of 1,000 steps.
+    evaluations = 2 * 1000 * estimate.STEP + 2 * (estimate.EVALUATE + 1000 * estimate.STEP)
+    assert estimate.seconds_left([blind], known) == pytest.approx(STEPS / 8000 + estimate.START[False] + evaluations)
+    assert estimate.seconds_left([blind], known) > 30 * STEPS / 8000  # which was all of it once
+    # 32 episodes at once take as long as their samples do, without learning from them.
+    evaluations += 2 * (32_000 / (4 * 800) - 1000 * estimate.STEP)
+    assert estimate.seconds_left([seeing], known) == pytest.approx(STEPS / 800 + estimate.START[True] + evaluations)
+    both = estimate.seconds_left([blind, again], known)
+    once = estimate.seconds_left([blind], known)
+    assert both == pytest.approx(2 * once - estimate.START[False] + estimate.START_AGAIN)  # what is compiled is kept
+    (quiet,) = cells(tmp_path, seeds=(0,), options=("--evaluations", "0"))[:1]
+    assert estimate.seconds_left([quiet], known) == pytest.approx(once - 2 * 1000 * estimate.STEP)
+
+
+def test_the_time_left_is_that_of_runs_of_the_same_policy(tmp_path, two_cores, monkeypatch):
     all_cells = cells(tmp_path)
-    assert dict(estimate.rates(all_cells)) == {"state-only": 8000.0, "loco-transformer": 800.0}
-    assert estimate.seconds_left(all_cells, {"state-only": 4096.0, "loco-transformer": 512.0}) == 2 * (4 + 32)
     Stub()(all_cells[0].train_command(), all_cells[0].log, lambda: None)
-    assert estimate.rates(all_cells)["state-only"] == pytest.approx(1000.0)  # 16,384 samples in 16.384 s
+    pace = estimate.paces(all_cells)["state-only"]
+    assert pace.rate == pytest.approx(8192 / 6.384)  # the second iteration's
+    assert pace.start == pytest.approx(10.0 - 6.384 + IMPORTS)  # what the first one took longer
     monkeypatch.setattr(estimate.shutil, "which", lambda name: "/usr/bin/nvidia-smi")
-    assert estimate.seconds_left(all_cells, estimate.rates(all_cells)) is None
-    assert estimate.seconds_left([all_cells[2]], estimate.rates(all_cells)) == pytest.approx(16.384)
+    known = estimate.paces(all_cells)
+    assert estimate.seconds_left(all_cells, known) is None  # nothing has run on the GPU with depth
+    evaluations = 2 * (estimate.EVALUATE + 1000 * max(estimate.STEP, 32 / (4 * pace.rate)))
+    assert estimate.seconds_left([all_cells[0]], known) == pytest.approx(evaluations)
+    whole = 2 * 6.384 + pace.start + evaluations
+    assert estimate.seconds_left([all_cells[2]], known) == pytest.approx(whole)
+    name = all_cells[2].name
+    assert estimate.seconds_left([all_cells[2]], known, {name: 8192}, {name}) == pytest.approx(6.384 + evaluations)
 
 
 def test_a_command_runs_and_its_output_is_kept(tmp_path):

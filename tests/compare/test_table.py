@@ -32,21 +32,74 @@ def test_our_figures_stand_beside_the_papers(tmp_path):
     generalisation(tmp_path, [(10.0, 100.0), (14.0, 60.0), (12.0, 80.0)])
     text = render.markdown(tables.fill(tmp_path))
     # std of 10, 14, 12 is sqrt(8/3) = 1.63; of 100, 60, 80 it is 16.33.
-    assert line_of(text, 1, "Ours") == [
-        *("Ours", "–", "8.2 ± 2.5", "12.0 ± 1.6", "14.2 ± 2.8", "–", "310.4 ± 131.3", "80.0 ± 16.3", "82.2 ± 103.8"),
-        *("16,384", "3", "8"),
+    assert line_of(text, 1, "LocoTransformer") == [
+        *("LocoTransformer", "12.0 ± 1.6", "14.2 ± 2.8", "80.0 ± 16.3", "82.2 ± 103.8", "16,384", "3", "8"),
     ]
-    assert line_of(text, 1, "Depth-Only")[4:] == ["0.1 ± 0.0", "–", "–", "–", "–", "–", "–", "–"]
-    assert "- missing: Ours trained on wide: no run" in text
+    assert line_of(text, 1, "Depth-Only")[1:] == ["—", "0.1 ± 0.0", "—", "—", "—", "—", "—"]
     assert "- missing: HRL trained on thin: no run" in text
-    assert "missing: Ours trained on thin:" not in text
+    assert "missing: LocoTransformer trained on" not in text and "Ours" not in text and ": ours" not in text
+
+
+def test_what_nothing_was_evaluated_of_is_named_and_takes_no_room(tmp_path):
+    generalisation(tmp_path, [(10.0, 100.0)])
+    text = render.markdown(tables.fill(tmp_path))
+    assert "- left out: Distance moved (m), Thin Obs. (trained on Wide Obs.): nothing evaluated" in text
+    assert text.count("### Table") == 1 and "tables of the paper 2 (Environments with spheres), 3 (" in text
+    own = tmp_path / "own"
+    write_evaluation(write_run(own), "thin", distance=3.0, collisions=1.0)
+    assert "### Table" not in render.markdown(tables.fill(own))
+    assert render.latex(tables.fill(own)).count(r"\begin{tabular}") == 2
+
+
+NEW = {"speed": 0.5, "return": 90.0, "length": 900.0, "survived": 0.75, "collisions_per_metre": 2.0}
+NEW |= {"distance_16s": 4.0, "collisions_16s": 7.0}
+
+
+def rows_below(text, title):
+    """The rows of the Markdown table below a heading, without its head, as lists of cells."""
+    lines = text.split(f"{title}\n")[1].strip().splitlines()
+    table = lines[: next((i for i, line in enumerate(lines) if not line.startswith("|")), len(lines))]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[2:]]
+
+
+def test_the_summary_comes_first_with_each_tasks_own_evaluation(tmp_path):
+    for seed, distance in enumerate((10.0, 14.0)):
+        run = write_run(tmp_path, seed=seed)
+        write_evaluation(run, "thin", distance=distance, collisions=1.0)
+        write_evaluation(run, "wide", distance=distance / 2, collisions=1.0)
+    write_evaluation(write_run(tmp_path, policy="state-only", task="wide"), "wide", distance=2.0, collisions=1.0)
+    write_evaluation(write_run(tmp_path, "deep", layers=3), "thin", distance=1.0, collisions=1.0)
+    text = render.markdown(tables.fill(tmp_path))
+    assert text.index("## Summary: distance (m)") < text.index("### thin\n") < text.index("### Table 1.")
+    assert "| policy | thin | wide | thin → wide |" in text
+    assert rows_below(text, "## Summary: distance (m)\n") == [
+        ["state-only", "—", "2.00", "—"],
+        ["loco-transformer", "12.00 ± 2.00", "—", "6.00 ± 1.00"],
+        ["loco-transformer+layers=3", "1.00", "—", "—"],
+    ]
+
+
+def test_beside_distance_and_collisions_stand_speed_collisions_per_metre_and_the_first_16_seconds(tmp_path):
+    for seed, more in enumerate((0.0, 2.0)):
+        metrics = {name: value + more for name, value in NEW.items()}
+        write_evaluation(write_run(tmp_path, seed=seed), "thin", distance=10.0, collisions=5.0 + more, **metrics)
+    (row,) = rows_below(render.markdown(tables.fill(tmp_path)), "### thin\n")
+    assert row[1:5] == ["10.00 ± 0.00", "6.0 ± 1.0", "3.00 ± 1.00", "1.50 ± 1.00"]
+    assert row[8:] == ["5.00 ± 1.00", "8.0 ± 1.0", "16,384", "2", "8"]
+
+
+def test_evaluations_of_before_have_dashes_there(tmp_path):
+    write_evaluation(write_run(tmp_path, seed=0), "thin", distance=10.0, collisions=5.0, **NEW)
+    write_evaluation(write_run(tmp_path, seed=1), "thin", distance=10.0, collisions=5.0, speed=0.5)
+    (row,) = rows_below(render.markdown(tables.fill(tmp_path)), "### thin\n")
+    assert row[1:10] == ["10.00 ± 0.00", "5.0 ± 0.0", "—", "0.50 ± 0.00", "—", "—", "—", "—", "—"]
 
 
 def test_one_seed_has_no_deviation_and_rows_may_stand_on_different_things(tmp_path):
     generalisation(tmp_path, [(10.0, 100.0)])
     generalisation(tmp_path, [(-1.04, 1.0), (1.0, 3.0)], trained_on="wide", on="thin", episodes=32)
     text = render.markdown(tables.fill(tmp_path))
-    row = line_of(text, 1, "Ours")
+    row = line_of(text, 1, "LocoTransformer")
     assert (row[1], row[3], row[5], row[7]) == ("0.0 ± 1.0", "10.0", "2.0 ± 1.0", "100.0")  # not -0.0
     assert row[-3:] == ["16,384", "1–2", "8–32"]
 
@@ -59,8 +112,8 @@ def test_the_other_tables_take_their_metrics(tmp_path):
     write_evaluation(write_run(tmp_path, policy="hrl", task="mountain"), "mountain", distance=6.5)
     write_evaluation(write_run(tmp_path, policy="hrl", task="moving"), "moving", distance=2.0, collisions=9.0)
     text = render.markdown(tables.fill(tmp_path))
-    assert line_of(text, 2, "HRL")[3:5] == ["2.0 ± 1.0", "11.3 ± 2.9"]
-    assert line_of(text, 2, "HRL")[7:9] == ["100.0 ± 100.0", "288.9 ± 154.8"]
+    assert line_of(text, 2, "HRL")[1:3] == ["2.0 ± 1.0", "11.3 ± 2.9"]
+    assert line_of(text, 2, "HRL")[3:5] == ["100.0 ± 100.0", "288.9 ± 154.8"]
     assert line_of(text, 3, "HRL")[1:5] == ["2.0", "7.1 ± 2.6", "9.0", "75.8 ± 11.0"]
     assert line_of(text, 5, "HRL")[1:3] == ["6.5", "6.3 ± 0.3"]
 
@@ -72,9 +125,11 @@ def test_ablations_are_told_apart_by_their_configuration(tmp_path):
         run = write_run(tmp_path, f"run{i}", task="thin-sphere", **network)
         write_evaluation(run, "thin-sphere", **whole, **{"return": value})
     text = render.markdown(tables.fill(tmp_path))
-    ours = {label: line_of(text, 4, f"Ours ({label})")[1] for label in ("N=1", "N=2", "N=4, L=2", "L=1", "L=3")}
-    assert ours == {"N=1": "–", "N=2": "7.0", "N=4, L=2": "3.0", "L=1": "5.0", "L=3": "–"}
-    assert line_of(text, 2, "Ours")[1] == "1.0" and line_of(text, 2, "Ours")[-2] == "1"
+    ours = {
+        label: line_of(text, 4, f"LocoTransformer ({label})")[1] for label in ("N=1", "N=2", "N=4, L=2", "L=1", "L=3")
+    }
+    assert ours == {"N=1": "—", "N=2": "7.0", "N=4, L=2": "3.0", "L=1": "5.0", "L=3": "—"}
+    assert line_of(text, 2, "LocoTransformer")[1] == "1.0" and line_of(text, 2, "LocoTransformer")[-2] == "1"
     assert f"in no table of the paper: {tmp_path / 'run3'} (loco-transformer+layers=0 on thin-sphere)" in text
 
 
@@ -85,10 +140,10 @@ def test_half_finished_runs_are_named_and_shorter_ones_left_out_of_the_mean(tmp_
     write_evaluation(second, "wide", samples=8192, distance=90.0, collisions=0.0)
     third = write_run(tmp_path, seed=2)
     text = render.markdown(tables.fill(tmp_path))
-    assert line_of(text, 1, "Ours")[3] == "10.0" and line_of(text, 1, "Ours")[-2] == "1"
-    assert "left out: Ours trained on thin, seed 1: 8,192 samples, others 16,384" in text
+    assert line_of(text, 1, "LocoTransformer")[1] == "10.0" and line_of(text, 1, "LocoTransformer")[-2] == "1"
+    assert "left out: LocoTransformer trained on thin, seed 1: 8,192 samples, others 16,384" in text
     assert f"unfinished: {second}: evaluated at 8,192 of its 16,384 samples" in text
-    assert "missing: Ours trained on thin, seed 2: not evaluated on wide" in text
+    assert "missing: LocoTransformer trained on thin, seed 2: not evaluated on wide" in text
     assert f"unfinished: {third}: not evaluated" in text and f"unfinished: {first}" not in text
 
 
@@ -99,23 +154,23 @@ def test_the_newest_deterministic_evaluation_counts(tmp_path):
     write_evaluation(run, "wide", episodes=64, name="-b", distance=3.0, collisions=0.0)
     edit(write_evaluation(run, "wide", episodes=99, name="-stochastic", distance=4.0), deterministic=False)
     edit(write_evaluation(run, "wide", episodes=99, name="-randomized", distance=5.0), randomized=True)
-    row = line_of(render.markdown(tables.fill(tmp_path)), 1, "Ours")
-    assert row[3] == "3.0" and row[-1] == "64"
+    row = line_of(render.markdown(tables.fill(tmp_path)), 1, "LocoTransformer")
+    assert row[1] == "3.0" and row[-1] == "64"
 
 
 def test_latex_has_the_same_figures(tmp_path):
     generalisation(tmp_path, [(10.0, 100.0), (14.0, 60.0), (12.0, 80.0)])
     text = render.latex(tables.fill(tmp_path))
-    (line,) = [line for line in text.splitlines() if line.startswith("Ours & --") and "14.2" in line]
+    (line,) = [line for line in text.splitlines() if line.startswith("LocoTransformer & 12")]
     assert r"12.0 $\pm$ 1.6 & 14.2 $\pm$ 2.8" in line and line.endswith(r"& 16,384 & 3 & 8 \\")
-    assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == 5
+    assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == 3  # summary, thin → wide, table 1
     for table in text.split(r"\begin{table}")[1:]:
         columns = table.split(r"\begin{tabular}{")[1].split("}")[0]
         rows = [
             line.replace(r"\&", "") for line in table.splitlines() if line.endswith(r"\\") and "multicol" not in line
         ]
         assert {line.count("&") for line in rows} == {len(columns) - 1}
-    assert not set("±↑↓–") & set(text.split(r"\begin{table}", 1)[1])
+    assert not set("±↑↓→–—") & set(text.split(r"\begin{table}", 1)[1])
 
 
 def refused(capsys, *args):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jp
 import numpy as np
 
-from loco_mjx.config import ActionConfig, Config, EnvConfig, NetworkConfig
+from loco_mjx.config import ActionConfig, Config, EnvConfig, NetworkConfig, with_method
 from loco_mjx.depth.encoding import encode
 from loco_mjx.evaluation.policy import TrainedPolicy, observation_shapes
 from loco_mjx.networks.policies import make_networks
@@ -17,9 +18,10 @@ from loco_mjx.ppo.normalizer import Normalizer
 NETWORK = NetworkConfig(token_dim=32, mlp_dim=48, hidden=(48, 40), state_only_hidden=(48, 40, 32, 24))
 
 
-def policy(name: str, diagonal: bool = False, **network: int) -> TrainedPolicy:
+def policy(name: str, diagonal: bool = False, **network: Any) -> TrainedPolicy:
     action = ActionConfig(scale=(0.2, 0.5, 0.4), diagonal=diagonal)
     config = Config(policy=name, env=EnvConfig(action=action), network=dataclasses.replace(NETWORK, **network))
+    config = with_method(config)
     networks = make_networks(name, config.network, action.size)
     shapes = observation_shapes(config)
     obs = {part: jp.zeros(shape) for part, shape in shapes.items()}

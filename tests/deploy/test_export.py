@@ -14,7 +14,9 @@ from loco_mjx.networks.policies import POLICIES
 from tests.deploy import made
 
 COUNT, BATCH = 1000, 50
-CASES = [(name, False, {}) for name in POLICIES] + [("loco-transformer", True, {"tokens_per_side": 2, "layers": 1})]
+CASES = [(name, False, {}) for name, entry in POLICIES.items() if not entry.uses_privileged]
+CASES += [("loco-transformer", False, {"critic": "privileged"})]
+CASES += [("loco-transformer", True, {"tokens_per_side": 2, "layers": 1})]
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +41,12 @@ def test_parity(name, diagonal, network, views, tmp_path, capsys, monkeypatch):
     with capsys.disabled():
         print(f"\n{name}{' diagonal' * diagonal}: {worst:.1e} rad")
     assert worst < 1e-4
+
+
+def test_a_teacher_stays_in_the_simulator(tmp_path):
+    with pytest.raises(UserError, match="'privileged' has no ONNX graph"):
+        export.write(made.policy("privileged"), tmp_path / "policy")
+    assert not (tmp_path / "policy").exists()
 
 
 def test_stablehlo_is_the_same_function(views, tmp_path):

@@ -14,7 +14,7 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx.config import DepthConfig
 from loco_mjx.depth import primitives
-from loco_mjx.depth.render import look, render, trace
+from loco_mjx.depth.render import _gather, look, render, trace
 from loco_mjx.scene.types import Boxes, Cylinders, Scene, Spheres, Terrain
 
 CONFIG = DepthConfig()
@@ -203,6 +203,37 @@ def test_leaving_out_what_is_not_in_view_changes_no_pixel(monkeypatch: pytest.Mo
     all_tested = jax.jit(jax.vmap(lambda pose: render(scene, pose, CONFIG)))(poses)
     assert float(jp.mean(images < CONFIG.far)) > 0.2
     np.testing.assert_array_equal(images, all_tested)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
+def test_all_in_view_are_gathered_and_nothing_else(share: float) -> None:
+    """Whatever their number, none is left out; they come in the scene's order, and the places after them are void."""
+    rng = np.random.default_rng(4)
+    center, half, flags = rng.normal(size=(30, 3)), rng.uniform(0.1, 1, (30, 3)), rng.uniform(size=30) < share
+    shapes = _gather(jp.asarray(flags), jp.asarray(center, jp.float32), jp.asarray(half, jp.float32))
+    rows = np.asarray(shapes.params).reshape(-1, 6)
+    assert len(rows) == 32 and shapes.count == flags.sum()
+    np.testing.assert_array_equal(rows[: flags.sum()], np.column_stack([center, half])[flags].astype(np.float32))
+    assert (rows[flags.sum() :, 3:] < 0).all()
+
+
+def test_a_longer_scene_is_the_same_image_without_a_sort() -> None:
+    """What stands beyond the far clip or behind changes no bit, and sorting, whose cost grows with it, is gone."""
+    rng = np.random.default_rng(5)
+    near, away = rng.uniform((1, -3, 0), (9, 3, 1), (20, 3)), rng.uniform((14, -3, 0), (70, 3, 1), (80, 3))
+    away[::4, 0] -= 80
+
+    def scene(place: np.ndarray) -> Scene:
+        size = np.full((len(place), 3), 0.2)
+        boxes = np.column_stack([place, size, 0.3 * (place[:, 2] > 0.5)])
+        balls, trunks = (np.column_stack([place + np.array([0, shift, 0]), size]) for shift in (1, -1))
+        return make_scene(boxes, balls[:, :4], trunks[:, :5])
+
+    short, long = scene(near), scene(rng.permutation(np.concatenate([near, away])))
+    pose = at(0, 0, 0.4)
+    assert len(np.unique(see(short, pose))) > 200
+    np.testing.assert_array_equal(see(short, pose), see(long, pose))
+    assert "stablehlo.sort" not in jax.jit(partial(look, config=CONFIG)).lower(long, pose).as_text()
 
 
 def test_all_frames_at_once_equal_single_frames() -> None:

@@ -11,6 +11,7 @@ from loco_mjx import a1, make_env
 from loco_mjx.config import ActionConfig, DepthConfig, EnvConfig, ObservationConfig, RandomizationConfig
 from loco_mjx.env import autoreset
 from loco_mjx.errors import UnknownNameError
+from loco_mjx.physics.step import Outcome
 
 HORIZON = 6
 BLIND = ObservationConfig(depth=DepthConfig(enabled=False))
@@ -97,7 +98,7 @@ def test_diagonal_legs_share_their_targets(other, key):
     env, reset, step = other
     state = step(jax.tree.map(lambda x: x[0], reset(key)), jp.array([1.0, -1.0, 1.0, 0.5, 0.5, -0.5]))
     right, left = [0.1, -0.2, 0.3], [0.05, 0.1, -0.15]
-    np.testing.assert_allclose(state.info["last_action"], right + left + left + right, atol=1e-6)
+    np.testing.assert_allclose(state.pipeline_state.episode.last_action, right + left + left + right, atol=1e-6)
     assert env.action_size == 6 and set(state.obs) == {"state"}
 
 
@@ -143,7 +144,7 @@ def test_the_step_after_done_starts_a_new_episode(env, auto):
     np.testing.assert_array_equal(fresh.info["reset"], 1)
     np.testing.assert_array_equal(fresh.done, 0)
     np.testing.assert_array_equal(fresh.reward, 0)
-    np.testing.assert_array_equal(fresh.info["steps"], 0)
+    np.testing.assert_array_equal(fresh.pipeline_state.episode.step, 0)
     assert not np.allclose(fresh.obs["state"], terminal)
     stack = np.array(fresh.obs["pixels/depth"])
     assert (stack == stack[..., :1]).all()  # nothing of the old episode is left in the stack
@@ -190,3 +191,13 @@ def test_depth_noise_follows_randomization_unless_told():
 def test_an_unknown_task_is_named():
     with pytest.raises(UnknownNameError, match=r"unknown task 'thn' .did you mean 'thin'"):
         make_env("thn")
+
+
+def test_what_physics_could_not_feel_is_a_metric(other):
+    env, reset, _ = other
+    state = jax.tree.map(lambda x: x[0], reset(jax.random.PRNGKey(0)))
+    world, zero = state.pipeline_state, jp.zeros(())
+    trace = [jp.tile(x, (17, 1)) for x in (world.physics.qpos[7:], world.physics.qpos[3:7], world.physics.qvel[3:6])]
+    outcome = Outcome(zero, zero > 0, jp.int32(3), *trace)
+    after = jax.jit(env.conclude)(state, world.scene, world.physics, outcome, jp.zeros(12))
+    assert after.metrics["contacts/dropped"] == 3.0 and set(after.metrics) == set(state.metrics)

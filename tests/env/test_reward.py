@@ -13,6 +13,7 @@ FACTS = StepFacts(
     forward=jp.array(0.02),
     torque_squared=jp.array(80.0),
     spheres=jp.array(2.0),
+    dropped=jp.zeros(()),
     contact=jp.array(True),
     action_change=jp.array(0.25),
     up=jp.array(0.9),

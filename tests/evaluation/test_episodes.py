@@ -4,11 +4,12 @@ import jax
 import jax.numpy as jp
 import numpy as np
 import pytest
-from brax.envs.base import State
 
+from loco_mjx import a1
 from loco_mjx.config import preset
+from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
-from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, means, summarize
+from loco_mjx.evaluation.episodes import EARLY_STEPS, Evaluator, evaluation_config, means, summarize
 from loco_mjx.networks.policies import Outputs
 from loco_mjx.ppo import normalizer
 from tests.run.tiny import mesh
@@ -24,7 +25,7 @@ class Staircase:
         end = jp.where(end == 5, HORIZON + 10, end)
         zero = jp.zeros(())
         info = {"t": zero, "end": end.astype(jp.float32), "truncation": zero}
-        metrics = {"distance": zero, "speed": zero, "action": zero, "end": zero}
+        metrics = {"distance": zero, "collisions": zero, "speed": zero, "action": zero, "end": zero}
         return State(None, {"state": jp.zeros(2)}, zero, zero, metrics, info)
 
     def step(self, state, action):
@@ -33,7 +34,8 @@ class Staircase:
         worth = jp.where(over, 1000.0, t)
         truncated = (t >= HORIZON).astype(jp.float32)
         done = jp.where(over, 0.0, jp.maximum((t == end).astype(jp.float32), truncated))
-        metrics = {"distance": worth, "speed": worth, "action": action[0], "end": jp.where(t == 1, end, 0.0)}
+        metrics = {"distance": worth, "collisions": 2.0 * (t > 1), "speed": worth, "action": action[0]}
+        metrics["end"] = jp.where(t == 1, end, 0.0)
         info = state.info | {"t": t, "truncation": truncated * (t != end)}
         return state.replace(reward=2 * worth, done=done, metrics=metrics, info=info)
 
@@ -64,6 +66,29 @@ def test_metrics_are_sums_up_to_the_first_done():
     np.testing.assert_array_equal(figures["return"], length * (length + 1))
     np.testing.assert_array_equal(figures["speed"], (length + 1) / 2)  # a mean, unlike the others
     np.testing.assert_array_equal(figures["survived"], ends > HORIZON)
+
+
+def test_the_first_16_seconds_are_summed_apart(monkeypatch):
+    assert EARLY_STEPS == 400 == 16 / a1.CONTROL_DT
+    monkeypatch.setattr("loco_mjx.evaluation.episodes.EARLY_STEPS", 3)
+    figures = run(16)
+    early = np.minimum(figures["length"], 3)
+    assert set(early) == {2.0, 3.0}
+    np.testing.assert_array_equal(figures["distance_16s"], early * (early + 1) / 2)
+    np.testing.assert_array_equal(figures["collisions_16s"], 2 * (early - 1))
+    np.testing.assert_array_equal(figures["collisions"], 2 * (figures["length"] - 1))
+
+
+def test_collisions_per_metre_are_all_collisions_over_all_metres():
+    """Not the mean of 10 / 0.001 and 2 / 9."""
+    walked = {"distance": np.array([0.001, 9.0]), "collisions": np.array([10.0, 2.0])}
+    found = summarize(walked)["collisions_per_metre"]
+    assert found["mean"] == pytest.approx(12 / 9.001)
+    # The deviation of a ratio by its linearisation: of 10 − r 0.001 and 2 − r 9 over 4.5005.
+    assert found["std"] == pytest.approx((8 + 8.999 * found["mean"]) / 2 / 4.5005)
+    assert means(walked)["collisions_per_metre"] == found["mean"]
+    standing = {"distance": np.array([-0.02, 0.3]), "collisions": np.array([10.0, 2.0])}
+    assert "collisions_per_metre" not in summarize(standing)
 
 
 def test_the_deterministic_policy_acts_by_the_squashed_mean():

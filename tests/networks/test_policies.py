@@ -11,15 +11,16 @@ import pytest
 
 from loco_mjx.config import NetworkConfig
 from loco_mjx.errors import UnknownNameError, UserError
-from loco_mjx.networks.policies import DEPTH, POLICIES, STATE, make_networks
+from loco_mjx.networks.policies import DEPTH, POLICIES, PRIVILEGED, STATE, make_networks
 
 SMALL = NetworkConfig(token_dim=16, mlp_dim=32, layers=1, hidden=(32, 24), state_only_hidden=(32, 32, 24, 24))
 
 
 def _obs(key, *leading, state=93):
-    state_key, depth_key = jax.random.split(key)
+    state_key, depth_key, privileged_key = jax.random.split(key, 3)
     return {
         STATE: jax.random.normal(state_key, (*leading, state)),
+        PRIVILEGED: jax.random.normal(privileged_key, (*leading, 7)),
         DEPTH: jax.random.normal(depth_key, (*leading, 64, 64, 4)),
     }
 
@@ -114,7 +115,8 @@ def _size(tree):
 @pytest.mark.parametrize("policy", POLICIES)
 def test_reads_what_it_declares(outputs_and_gradients, policy):
     networks, _, _, (_, of_mean), (_, of_value) = outputs_and_gradients[policy]
-    for name, used in ((STATE, networks.uses_state), (DEPTH, networks.uses_depth)):
+    read = {STATE: networks.uses_state, DEPTH: networks.uses_depth, PRIVILEGED: networks.uses_privileged}
+    for name, used in read.items():
         assert (_size(of_mean[name]) > 0) == used
         assert (_size(of_value[name]) > 0) == used
 
@@ -142,6 +144,25 @@ def test_attention_is_the_state_tokens(outputs_and_gradients):
     assert all(
         outputs_and_gradients[policy][1].attention is None for policy in POLICIES if policy != "loco-transformer"
     )
+
+
+@pytest.mark.parametrize("policy", ["loco-transformer", "state-depth-concat"])
+def test_a_privileged_critic_takes_the_values_place(key, policy):
+    config = dataclasses.replace(SMALL, critic="privileged")
+    networks, teacher = make_networks(policy, config, 12), make_networks("privileged", SMALL, 12)
+    obs = _obs(key, 5)
+    both = jax.jit(lambda: (networks.init(key, obs)["params"], teacher.init(key, obs)["params"]))()
+    # The critic is shaped as the privileged policy's value, and nothing else serves the value.
+    given = {name: both[1][name] for name in ("state_encoder", "value_head")}
+    assert jax.tree.map(jp.shape, both[0]["critic"]) == jax.tree.map(jp.shape, given)
+    assert not any(name.startswith("value") for name in both[0])
+    params = {"params": both[0] | {"critic": given}}
+    outputs = networks.apply(params, obs)
+    np.testing.assert_allclose(outputs.value, teacher.apply({"params": both[1]}, obs).value, rtol=1e-5)
+    # Out of the simulator the action is the same.
+    alone = networks.apply(params, {name: obs[name] for name in (STATE, DEPTH)})
+    np.testing.assert_array_equal(alone.mean, outputs.mean)
+    assert float(jp.abs(alone.value).max()) == 0
 
 
 @pytest.mark.parametrize("policy", ["loco-transformer", "state-only"])

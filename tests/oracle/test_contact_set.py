@@ -35,24 +35,24 @@ def _poses(scene) -> np.ndarray:
 
 
 def _ours(scene, qpos: np.ndarray, obstacle_slots: int) -> tuple[np.ndarray, np.ndarray]:
-    """(POSES, 18) each sphere's smallest distance to what its slots hold; (POSES,) whether obstacles are touched."""
+    """(POSES, 22) each sphere's smallest distance to what its slots hold; (POSES,) whether obstacles are touched."""
 
     def run(qpos):
-        near = jax.vmap(lambda q: slots.near(scene.replace(terrain=None), q[:3], PhysicsConfig()))(qpos)
+        near = jax.vmap(lambda q: slots.near(scene.replace(terrain=None), q, PhysicsConfig()))(qpos)
         near = jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), near)
         spread = lambda x: jp.broadcast_to(x, (POSES, *x.shape))  # noqa: E731
         near = near.replace(terrain=jax.tree.map(spread, scene.terrain))
         point = kinematics.sphere_centers(qpos.T)
         held = slots.touch(lambda f, *args: f(*args), near, point, obstacle_slots)
         feet, knees = (jp.min(jp.stack([p.distance for p in planes]), axis=0) for planes in (held.feet, held.knees))
-        return jp.concatenate([feet, held.hips.distance, knees, held.trunk.distance]).T, held.hit
+        return jp.concatenate([feet, held.hips.distance, knees, held.calves.distance, held.trunk.distance]).T, held.hit
 
     distance, hit = jax.jit(run)(jp.array(qpos))
     return np.array(distance), np.array(hit)
 
 
 def _theirs(scene, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same from C MuJoCo's contacts: (POSES, 18) smallest distance, 1 where there is no contact."""
+    """The same from C MuJoCo's contacts: (POSES, 22) smallest distance, 1 where there is no contact."""
     model = scene_spec(scene).compile()
     data = mujoco.MjData(model)
     spheres = {model.geom(name).id: i for i, name in enumerate(kinematics.SPHERES)}

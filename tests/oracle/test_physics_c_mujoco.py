@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from loco_mjx import a1
+from loco_mjx.config import RandomizationConfig
 from loco_mjx.physics.step import Dynamics, PhysicsState, initial_state, nominal_dynamics
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
@@ -139,6 +140,30 @@ def test_feet_slide_as_far_as_in_c(friction):
     np.testing.assert_allclose(ours.qpos[0, -1, :3], theirs[-1, :3], atol=1e-4)
 
 
+def test_a_slide_of_two_seconds_ends_where_it_does_in_c():
+    """With the solver's default iterations, at every friction of the randomisation; the trot is jerky, so feet slip."""
+    count, rng = 3 * world.BATCH, np.random.default_rng(5)
+    frictions = np.linspace(*RandomizationConfig().friction, count)
+    velocity = np.zeros((count, 18))
+    velocity[:, :2] = rng.uniform(-0.7, 0.7, (count, 2))
+    targets = trot_targets(50) + 0.15 * rng.normal(size=(count, 50, 12))
+    errors = []
+    for first in range(0, count, world.BATCH):
+        picked = range(first, first + world.BATCH)
+        starts = [
+            PhysicsState(*(jp.asarray(x, jp.float32) for x in (standing(), velocity[i], np.zeros(18)))) for i in picked
+        ]
+        hows = [nominal_dynamics(*GAIT, friction=frictions[i]) for i in picked]
+        ours, _ = rollout(starts, [scene()], targets[picked], hows)
+        for i, n in enumerate(picked):
+            c_model = flat_c_model()
+            c_model.geom_friction[:, 0] = frictions[n]
+            theirs = c_rollout(c_model, standing(), targets[n], *GAIT, qvel=velocity[n])
+            errors.append(np.linalg.norm(ours.qpos[i, -1, :2] - theirs[-1, :2]))
+    assert np.median(errors) < 0.01
+    assert np.max(errors) < 0.05
+
+
 def test_landing_follows_c():
     targets = world.still(30)
     theirs = c_rollout(flat_c_model(), standing(height=0.4), targets)
@@ -187,7 +212,8 @@ def test_states_are_the_same_robot():
 def test_distance_walked_over_a_heightfield():
     """Blocks up to 5 cm high: C has the sphere meet every triangle it touches, ours the one beneath its centre.
 
-    Single walks part after a stumble; their median, and how high the trunk is carried, must not.
+    Single walks part after a stumble; their mean, and how high the trunk is carried, must not. (Over 48 walks
+    the means are 0.403 m and, in C, 0.388 m; each spreads by 0.12 m.)
     """
     generate = jax.jit(get_task("heightfield").generate)
     targets = trot_targets(60)
@@ -201,7 +227,7 @@ def test_distance_walked_over_a_heightfield():
         ours.append(rollout(starts, worlds, targets, [_gait()])[0].qpos)
         theirs += [c_rollout(scene_spec(w).compile(), s, targets, *GAIT) for w, s in zip(worlds, starts, strict=True)]
     ours, theirs = np.concatenate(ours), np.stack(theirs)
-    walked, expected = np.median(ours[:, -1, 0]) - 1.2, np.median(theirs[:, -1, 0]) - 1.2
+    walked, expected = np.mean(ours[:, -1, 0]) - 1.2, np.mean(theirs[:, -1, 0]) - 1.2
     assert expected > 0.3
     assert walked == pytest.approx(expected, rel=0.1)
     np.testing.assert_allclose(ours[:, :, 2].mean(), theirs[:, :, 2].mean(), atol=0.005)

@@ -125,6 +125,7 @@ def test_stands_on_the_ground_at_stand_height(robot):
     [
         (PhysicsConfig(iterations=0), 1, "physics.iterations"),
         (PhysicsConfig(ls_iterations=0), 1, "physics.ls_iterations"),
+        (PhysicsConfig(more_iterations=-1), 1, "physics.more_iterations"),
         (PhysicsConfig(), 0, "obstacle_slots"),
     ],
 )

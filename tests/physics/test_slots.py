@@ -7,6 +7,7 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
+from loco_mjx import a1
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.physics.kinematics import RADII, centers, pose
 from loco_mjx.physics.slots import (
@@ -107,7 +108,7 @@ def test_near_keeps_the_boxes_whose_surfaces_are_nearest():
     long = {"center": (0.0, 3.0, 0.0), "half": (30.0, 0.1, 1.0), "kind": WALL}  # centre far, side near: 2.85 m
     small = [{"center": (x, 0.0, 0.0), "half": (0.1, 0.1, 1.0), "kind": OBSTACLE} for x in (29.0, 33.5, 40.0)]
     world = scene([long, *small], [{"center": (30.0, 1.0, 0.0), "radius": 0.2, "half_height": 1.0}])
-    picked = near(world, jp.array([30.0, 0.0, 0.3]), PhysicsConfig(near_boxes=2, near_cylinders=5))
+    picked = near(world, jp.asarray(standing(30.0)), PhysicsConfig(near_boxes=2, near_cylinders=5))
     np.testing.assert_allclose(picked.boxes.center[:, 0], [29.0, 0.0])
     # Obstacles' contact boxes are 5 cm larger per side in x and y.
     np.testing.assert_allclose(picked.boxes.half[0], [0.15, 0.15, 1.0], rtol=1e-6)
@@ -115,9 +116,35 @@ def test_near_keeps_the_boxes_whose_surfaces_are_nearest():
     assert picked.solid.tolist() == [True, True]
 
 
+def test_near_is_what_is_near_a_foot_not_what_is_near_the_trunk():
+    """Blocks under the belly are nearer to the trunk than the stones are that the feet stand on."""
+    stones = [{"center": (x, y, 0.05), "half": (0.05, 0.05, 0.05)} for x in (-0.183, 0.183) for y in (-0.13, 0.13)]
+    blocks = [{"center": (x, 0.0, 0.1), "half": (0.04, 0.04, 0.1)} for x in (-0.05, 0.0, 0.05)]
+    robot = jp.asarray(standing(height=0.1 + a1.STAND_HEIGHT))
+    all_of_them = near(scene([*blocks, *stones]), robot, PhysicsConfig())
+    assert all_of_them.dropped == 0
+    assert np.sum(np.abs(all_of_them.boxes.center[:, 0]) < 1.0) == 7
+    four = near(scene([*blocks, *stones]), robot, PhysicsConfig(near_boxes=4))
+    np.testing.assert_allclose(np.abs(four.boxes.center[:, 0]), 0.183, rtol=1e-6)
+
+
+def test_what_is_left_out_within_reach_is_counted():
+    ring = [
+        {"center": (0.4 * np.cos(a), 0.4 * np.sin(a), 0.3), "half": (0.05, 0.05, 0.3)} for a in np.arange(0, 6, 0.6)
+    ]
+    trees = [{"center": (x, 0.0, 0.3), "radius": 0.05, "half_height": 0.3} for x in (-0.2, -0.1, 0.1, 0.2, 9.0)]
+    robot, far = jp.asarray(standing()), jp.asarray(standing(x=5.0))
+    within = [int(near(scene([box], trees[4:]), robot, PhysicsConfig(near_boxes=0)).dropped) for box in ring]
+    assert 3 < sum(within) < len(ring)
+    counted = near(scene(ring, trees), robot, PhysicsConfig(near_boxes=3, near_cylinders=2)).dropped
+    assert counted == sum(within) - 3 + 2
+    assert near(scene(ring, trees), robot, PhysicsConfig(near_boxes=10, near_cylinders=4)).dropped == 0
+    assert near(scene(ring, trees), far, PhysicsConfig(near_boxes=1, near_cylinders=1)).dropped == 0
+
+
 def _touch(boxes: list[dict], trees: list[dict] = (), slots: int = 1, height: float = 1.0):
     """Slots of one robot in the default pose, its trunk at `height`, over boxes; environments' axis dropped."""
-    picked = near(scene(boxes, trees), jp.zeros(3), PhysicsConfig())
+    picked = near(scene(boxes, trees), jp.asarray(standing(height=height)), PhysicsConfig())
     last = jax.tree.map(lambda x: x[..., None], picked)
     return jax.tree.map(
         lambda x: x[..., 0], touch(Stage(), last, centers(pose(standing(height=height)[:, None])), slots)

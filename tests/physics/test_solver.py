@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from loco_mjx.physics import arrow, solver
-from loco_mjx.physics.solver import Constraints
+from loco_mjx.physics.rows import Constraints
 from loco_mjx.physics.stage import Stage
 
-N, SLOTS, TRUNK = 3, 2, 6
+N, SLOTS, REST, TRUNK = 3, 4, 2, 6
 
 
 def _dense_like_the_robot(rng: np.random.Generator) -> np.ndarray:
@@ -28,13 +28,13 @@ def _dense_like_the_robot(rng: np.random.Generator) -> np.ndarray:
 
 
 def _constraints(rng: np.random.Generator) -> Constraints:
-    rows = 4 * SLOTS + 1
+    rows = 3 * SLOTS + REST
     draw = lambda *shape: jp.asarray(rng.normal(size=(*shape, N)), jp.float32)  # noqa: E731
     weight = lambda *shape: jp.asarray(rng.uniform(size=(*shape, N)) * rng.integers(0, 2, (*shape, N)), jp.float32)  # noqa: E731
     return Constraints(
         legs=draw(9, rows, 4),
         leg_reference=draw(rows, 4),
-        leg_weight=weight(2 * SLOTS + 1, 4),
+        leg_weight=weight(SLOTS + REST, 4),
         friction=jp.asarray(rng.uniform(0.4, 1.2, N), jp.float32),
         trunk=draw(6, TRUNK),
         trunk_reference=draw(TRUNK),
@@ -59,7 +59,7 @@ def _dense_rows(constraints: Constraints, n: int) -> tuple[np.ndarray, np.ndarra
                     jacobian.append(wide[slot] + sign * c.friction * wide[other])
                     reference.append(c.leg_reference[slot, leg] + sign * c.friction * c.leg_reference[other, leg])
                     weight.append(c.leg_weight[slot, leg])
-        for rest in range(SLOTS + 1):
+        for rest in range(REST):
             jacobian.append(wide[3 * SLOTS + rest])
             reference.append(c.leg_reference[3 * SLOTS + rest, leg])
             weight.append(c.leg_weight[SLOTS + rest, leg])
@@ -94,17 +94,16 @@ def problem():
     return dense, force, start, _constraints(rng)
 
 
-def _solve(problem, iterations: int, ls_iterations: int) -> np.ndarray:
+def _solve(problem, iterations: int, ls_iterations: int, more: int = 0) -> np.ndarray:
     dense, force, start, constraints = problem
     single = lambda x: jp.asarray(x, jp.float32)  # noqa: E731
     out = solver.solve(
         Stage(),
-        arrow.from_dense(single(dense)),
-        arrow.split(single(force)),
-        constraints,
+        solver.Problem(arrow.from_dense(single(dense)), arrow.split(single(force)), constraints),
         arrow.split(single(start)),
         iterations,
         ls_iterations,
+        more,
     )
     return np.asarray(arrow.join(out), np.float64)
 
@@ -159,6 +158,19 @@ def test_converged_solution_has_no_gradient(problem):
         at_end = _cost_and_gradient(dense[:, :, n], force[:, n], rows, ours[:, n])
         assert at_end[0] < at_start[0]
         assert np.abs(at_end[1]).max() < 1e-4 * np.abs(at_start[1]).max()
+
+
+def test_who_needs_more_iterations_gets_them_and_no_other_notices(problem):
+    _, force, start, _ = problem
+    converged = _solve(problem, 40, 20)
+    start[:, 1] = converged[:, 1]  # one of them is there already
+    np.testing.assert_allclose(_solve(problem, 1, 20, 40), converged, atol=2e-3)
+    one = _solve(problem, 1, 20)
+    assert np.abs(one - converged).max() > 0.1  # the others are not, after one
+    force[:, 0] = np.nan
+    broken = _solve(problem, 1, 20, 40)
+    assert np.isnan(broken[:, 0]).all()
+    np.testing.assert_allclose(broken[:, 1:], converged[:, 1:], atol=2e-3)
 
 
 def test_every_iteration_lowers_the_cost(problem):

@@ -107,6 +107,19 @@ def test_no_sphere_sinks_into_ground_box_or_edge():
     assert _lowest_gap(states, lambda x, y, z: z) > -0.03
 
 
+def test_everything_beneath_the_robot_carries_it():
+    """Four stones and three blocks under the belly; three by three tiles: no foot falls through."""
+    stones = [{"center": (x, y, 0.1), "half": (0.06, 0.06, 0.1)} for x in (-0.183, 0.183) for y in (-0.132, 0.132)]
+    blocks = [{"center": (x, 0.0, 0.1), "half": (0.04, 0.04, 0.1)} for x in (-0.1, 0.0, 0.1)]
+    tiles = [{"center": (x, y, 0.1), "half": (0.15, 0.15, 0.1)} for x in (-0.3, 0.0, 0.3) for y in (-0.3, 0.0, 0.3)]
+    worlds = [scene([*blocks, *stones]), scene(tiles), scene([*tiles[::-1]]), scene()]
+    states, outcome = rollout([standing(height=0.2 + a1.STAND_HEIGHT)], worlds, still(10), [_gait()])
+    height = states.qpos[:, -1, 2]
+    np.testing.assert_allclose(height[:3], height[0], atol=2e-3)
+    assert height[0] > 0.2 + SAG and height[3] < 0.35
+    assert outcome.dropped.max() == 0
+
+
 def test_friction_decides_whether_feet_slide():
     settled, _ = rollout([standing()], [scene()], still(20))
     settled = jax.tree.map(lambda x: jp.asarray(x[0, -1]), settled)
@@ -211,7 +224,7 @@ def test_seeds_of_environments_are_one_larger_batch():
 
     def step(state, scene):
         targets, dynamics = jp.asarray(still(1)[0]), nominal_dynamics()
-        return control_step(physics((1, 1)), state, scene, targets, dynamics)
+        return control_step(physics((1, 1, 1)), state, scene, targets, dynamics)
 
     one = (initial_state(standing()), scene())
     nested = jax.tree.map(lambda x: jp.broadcast_to(x, (5, 7, *jp.shape(x))), one)

@@ -18,10 +18,13 @@ from loco_mjx.physics.step import Dynamics, Outcome, PhysicsState, control_step,
 from loco_mjx.scene.types import STEP, Boxes, Cylinders, Scene, Spheres, Terrain
 
 BATCH = 4  # environments in every rollout, so that the tests share one compiled program
-BOXES, TREES = 3, 1  # likewise
+BOXES, TREES = 9, 1  # likewise
 AWAY = (500.0, 500.0, 0.0)
-# Solver and line-search iterations: what users get; always enough.
-DEFAULT, CONVERGED = (PhysicsConfig().iterations, PhysicsConfig().ls_iterations), (20, 12)
+# Solver and line-search iterations, and more for who needs them: what users get; always enough.
+Iterations = tuple[int, int, int]
+_USERS = PhysicsConfig()
+DEFAULT: Iterations = (_USERS.iterations, _USERS.ls_iterations, _USERS.more_iterations)
+CONVERGED: Iterations = (20, 12, 0)
 
 PERIOD = 0.4  # s
 STRIDE, LIFT, HEIGHT = 0.06, 0.05, 0.25  # m: half a stride, how high a foot swings, hips over feet
@@ -81,13 +84,14 @@ def standing(x: float = 0.0, y: float = 0.0, height: float = a1.STAND_HEIGHT) ->
 
 
 @functools.cache
-def physics(iterations: tuple[int, int]) -> PhysicsModel:
+def physics(iterations: Iterations) -> PhysicsModel:
     """The physics with a solver's settings."""
-    return build(PhysicsConfig(iterations=iterations[0], ls_iterations=iterations[1]))
+    every, line, more = iterations
+    return build(PhysicsConfig(iterations=every, ls_iterations=line, more_iterations=more))
 
 
 @functools.cache
-def stepper(iterations: tuple[int, int]) -> Callable[..., tuple[PhysicsState, Outcome]]:
+def stepper(iterations: Iterations) -> Callable[..., tuple[PhysicsState, Outcome]]:
     """control_step of BATCH environments, compiled."""
     model = physics(iterations)
     return jax.jit(jax.vmap(lambda *args: control_step(model, *args)))
@@ -104,7 +108,7 @@ def rollout(
     worlds: Sequence[Scene],
     targets: np.ndarray,
     dynamics: Sequence[Dynamics] | None = None,
-    iterations: tuple[int, int] = DEFAULT,
+    iterations: Iterations = DEFAULT,
 ) -> tuple[PhysicsState, Outcome]:
     """States after each control step and outcomes, leading axes (environments, steps), of up to BATCH environments.
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jp
-from brax.envs.base import State
 
 from loco_mjx.config import Config, NetworkConfig, PPOConfig
+from loco_mjx.env.state import State
 from loco_mjx.networks.policies import DEPTH
 
 

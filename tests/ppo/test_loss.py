@@ -46,7 +46,8 @@ def test_clipped_surrogate(ratio, advantage, surrogate):
 
 def test_terms_add_up_with_their_weights():
     outputs, batch = _case([1.1, 0.9], [1.0, -1.0], value=3.0, target=1.0)
-    total, terms = run_loss(outputs, batch, batch.advantage, jp.array(2.0))
+    losses, terms = run_loss(outputs, batch, batch.advantage, jp.array(2.0))
+    total = losses["policy"] + losses["value"]
     entropy = 0.5 * np.log(2 * np.pi * np.e) - 0.5
     np.testing.assert_allclose(terms["loss/value"], 4.0, rtol=1e-6)
     np.testing.assert_allclose(terms["policy/entropy"], entropy, rtol=1e-6)
@@ -62,14 +63,21 @@ def test_reset_rows_reach_neither_loss_nor_gradient():
     @jax.jit
     def run(batch):
         advantage = normalized_advantage(batch)
-        return jax.value_and_grad(lambda o: loss(o, batch, advantage, batch.weight.sum(), CONFIG), has_aux=True)(
-            outputs
-        )
+
+        def total(o):
+            losses, terms = loss(o, batch, advantage, batch.weight.sum(), CONFIG)
+            return sum(losses.values()), terms
+
+        return jax.value_and_grad(total, has_aux=True)(outputs)
 
     def perturbed(x):
         return jp.where(masked.reshape(-1, *[1] * (x.ndim - 1)), 37.0, x)
 
-    changes = {f.name: perturbed(getattr(batch, f.name)) for f in dataclasses.fields(Batch) if f.name != "weight"}
+    changes = {
+        f.name: perturbed(getattr(batch, f.name))
+        for f in dataclasses.fields(Batch)
+        if f.name not in ("weight", "label")
+    }
     jax.tree.map(np.testing.assert_array_equal, run(batch), run(batch.replace(**changes)))
     gradient = run(batch)[1]
     np.testing.assert_array_equal(jp.abs(gradient.value) > 0, ~masked)

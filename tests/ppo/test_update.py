@@ -199,3 +199,25 @@ def test_explained_variance():
     np.testing.assert_allclose(explained(0 * rollout.value, target), 0.0, atol=1e-6)
     half = explained(jp.concatenate([0.5 * target, last]), 0.5 * target)
     np.testing.assert_allclose(half, 0.75, atol=1e-5)
+
+
+def test_separate_optimisers_clip_and_step_each_by_itself(learned, key):
+    """By hand: the gradients of the two losses, each clipped to norm 0.5, each through an Adam of its own."""
+    config = dataclasses.replace(CONFIG, optimizer="separate", minibatch=STEPS * ENVS, epochs=1)
+    rows = jp.arange(STEPS * ENVS, dtype=jp.int32)
+    params, optimizer = learned[0], lib.make_optimizer(config)
+    data = _data(_rollout())
+    grads, _ = jax.jit(lambda: lib.gradient(NETWORKS, config, params, data, rows))()
+    joint, _ = jax.jit(lambda: lib.gradient(NETWORKS, CONFIG, params, data, rows))()
+    _assert_close(jax.tree.map(jp.add, grads["policy"], grads["value"]), joint, rtol=1e-4, atol=1e-6)
+    # What serves one alone has no gradient of the other.
+    assert float(jp.abs(grads["policy"]["params"]["Dense_1"]["kernel"]).max()) == 0
+    assert float(jp.abs(grads["value"]["params"]["Dense_0"]["kernel"]).max()) == 0
+    (after, _), _ = lib.descend(config, (params, optimizer.init(params)), grads, jp.array(1e-2))
+
+    def step(grads):
+        norm = np.sqrt(sum(float((g**2).sum()) for g in jax.tree.leaves(grads)))
+        return jax.tree.map(lambda g: (c := g * min(1.0, 0.5 / norm)) / (jp.abs(c) + 1e-5), grads)
+
+    expected = jax.tree.map(lambda p, a, b: p - 1e-2 * (a + b), params, step(grads["policy"]), step(grads["value"]))
+    _assert_close(after, expected, rtol=1e-3, atol=1e-5)

@@ -96,7 +96,7 @@ def test_json_is_replaced_in_one_go(tmp_path, monkeypatch):
 
 def test_about_names_versions_devices_and_commit():
     found = about.about(["loco-mjx", "train"])
-    assert set(found["versions"]) >= {"python", "jax", "mujoco", "mujoco-mjx", "flax", "optax", "brax", "loco-mjx"}
+    assert set(found["versions"]) >= {"python", "jax", "mujoco", "mujoco-mjx", "flax", "optax", "loco-mjx"}
     assert "not installed" not in found["versions"].values()
     assert found["devices"]["count"] >= 1
     assert set(found["git"]) == {"commit", "dirty"}

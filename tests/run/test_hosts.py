@@ -149,8 +149,8 @@ def test_the_death_of_the_first_process_ends_the_others_with_a_clear_last_line(l
 
 def test_what_processes_cannot_do_together_all_refuse_and_nothing_is_written(launch, tmp_path):
     out = ["--total-steps", "96", "--out", str(tmp_path / "run")]
-    odd = ["3" if QUIET[i - 1] == "--num-envs" else word for i, word in enumerate(QUIET)]
-    for code, _, err in map(_end, _pair(launch, [*odd, "--ppo.minibatch", "8", *out])):
+    odd = [{"--num-envs": "3", "--ppo.minibatch": "8"}.get(QUIET[i - 1], word) for i, word in enumerate(QUIET)]
+    for code, _, err in map(_end, _pair(launch, [*odd, *out])):
         assert code == 2 and "num_envs 3 does not divide over 2 devices" in err.strip().splitlines()[-1]
     assert not (tmp_path / "run").exists()
 

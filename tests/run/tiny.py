@@ -8,10 +8,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jp
-from brax.envs.base import State
 from jax.sharding import Mesh
 
 from loco_mjx.config import Config, EnvConfig, NetworkConfig, PPOConfig
+from loco_mjx.env.state import State
 from loco_mjx.mesh import make_mesh
 from loco_mjx.ppo.seeds import SeedsTrainer
 from loco_mjx.ppo.train import Trainer

@@ -13,16 +13,16 @@ from tests.scene.scenes import SIZE, one, pool
 
 # obstacles, walls, steps, spheres, cylinders, heightfield
 CONTENT = {
-    "thin": (50, 2, 0, 0, 0, False),
-    "wide": (23, 2, 0, 0, 0, False),
-    "thin-sphere": (50, 2, 0, 50, 0, False),
-    "wide-sphere": (23, 2, 0, 50, 0, False),
-    "moving": (50, 2, 0, 0, 0, False),
+    "thin": (135, 2, 0, 0, 0, False),
+    "wide": (32, 2, 0, 0, 0, False),
+    "thin-sphere": (135, 2, 0, 127, 0, False),
+    "wide-sphere": (32, 2, 0, 127, 0, False),
+    "moving": (135, 2, 0, 0, 0, False),
     "mountain": (0, 0, 0, 1, 0, True),
-    "heightfield": (50, 2, 0, 0, 0, True),
-    "random-shape": (50, 2, 0, 0, 0, False),
-    "indoor": (14, 2, 0, 0, 0, False),
-    "forest": (0, 0, 0, 0, 50, True),
+    "heightfield": (135, 2, 0, 0, 0, True),
+    "random-shape": (135, 2, 0, 0, 0, False),
+    "indoor": (39, 2, 0, 0, 0, False),
+    "forest": (0, 0, 0, 0, 135, True),
     "hill": (0, 0, 0, 1, 0, True),
     "stairs": (0, 0, 4, 0, 0, False),
 }
@@ -78,17 +78,17 @@ def test_the_start_is_clear(task):
     assert near.min(initial=np.inf) > 1.4 and trees.min(initial=np.inf) > 1.4
 
 
-def test_thin_holds_fifty_centres_a_metre_apart_for_every_key():
-    centers = pool("thin", 2048).boxes.center[:, :50]
+def test_thin_keeps_its_centres_a_metre_apart_for_every_key():
+    centers = pool("thin", 2048).boxes.center[:, :135]
     assert distances(centers[..., :2]).min() >= 1.0 - 1e-6
-    assert centers[..., 0].min() >= 2.5 and centers[..., 0].max() <= 28.5
+    assert centers[..., 0].min() >= 2.5 and centers[..., 0].max() <= 73.0
     assert np.abs(centers[..., 1]).max() <= 3.0
     np.testing.assert_allclose(centers[..., 2], 0.7)
 
 
 def test_thin_is_uniform_over_the_area():
-    x, y = np.moveaxis(pool("thin", 2048).boxes.center[:, :50, :2], -1, 0)
-    for value, low, high in ((x, 2.5, 28.5), (y, -3.0, 3.0)):
+    x, y = np.moveaxis(pool("thin", 2048).boxes.center[:, :135, :2], -1, 0)
+    for value, low, high in ((x, 2.5, 73.0), (y, -3.0, 3.0)):
         share = np.histogram(value, bins=4, range=(low, high))[0] / value.size
         # Every share is 1/4 but for the rim, where a centre keeps others off on one side only: more fit there.
         np.testing.assert_allclose(share, 0.25, atol=0.03)
@@ -97,10 +97,10 @@ def test_thin_is_uniform_over_the_area():
 
 def test_thin_sizes_and_walls():
     boxes = one("thin").boxes
-    np.testing.assert_allclose(boxes.half[:50], np.tile([0.18, 0.18, 0.7], (50, 1)))
-    np.testing.assert_allclose(boxes.collision_half[:50], np.tile([0.23, 0.23, 0.7], (50, 1)))
-    np.testing.assert_allclose(boxes.center[50:], [[15, -3.1, 2.1], [15, 3.1, 2.1]])
-    np.testing.assert_allclose(boxes.half[50:], [[30, 0.106, 2.1]] * 2)
+    np.testing.assert_allclose(boxes.half[:135], np.tile([0.18, 0.18, 0.7], (135, 1)))
+    np.testing.assert_allclose(boxes.collision_half[:135], np.tile([0.23, 0.23, 0.7], (135, 1)))
+    np.testing.assert_allclose(boxes.center[135:], [[36, -3.1, 2.1], [36, 3.1, 2.1]])
+    np.testing.assert_allclose(boxes.half[135:], [[48, 0.106, 2.1]] * 2)
     assert not boxes.yaw.any() and not boxes.velocity.any()
 
 
@@ -118,12 +118,16 @@ def test_scatter_refuses_what_may_not_fit():
 
 def test_wide_is_the_pattern_with_jitter():
     boxes = pool("wide").boxes
-    pattern = [(3, -0.75), (3, 0.75)] + [(6 + 7 * i, 0) for i in range(7)]
-    pattern += [(9 + 7 * i, y) for i in range(7) for y in (-1.3, 1.3)]
-    jitter = boxes.center[:, :23, :2] - np.array(pattern)
-    assert 0.09 < np.abs(jitter[..., 0]).max() <= 0.1 + 1e-5 and 0.35 < np.abs(jitter[..., 1]).max() <= 0.4 + 1e-5
-    np.testing.assert_allclose(boxes.half[0, :23], [[0.25, 0.4, 0.5]] * 2 + [[0.25, 0.8, 0.5]] * 21)
-    np.testing.assert_allclose(np.abs(boxes.center[:, 23:, 1]), 2.3)
+    pattern = [(3, -0.75), (3, 0.75)] + [(6 + 7 * i, 0) for i in range(10)]
+    pattern += [(9 + 7 * i, y) for i in range(10) for y in (-1.3, 1.3)]
+    jitter = boxes.center[:, :32, :2] - np.array(pattern)
+    assert 0.09 < np.abs(jitter[..., 0]).max() <= 0.1 + 1e-5
+    sideways = np.abs(jitter[..., 1])
+    assert 0.35 < sideways[:, :12].max() <= 0.4 + 1e-5
+    # Pairs that would close their row stand farther apart: of 0.1 m that jitter may leave, 0.5 m more.
+    assert sideways[:, 12:].max() <= 0.65 + 1e-5 and (sideways[:, 12:] > 0.4 + 1e-5).mean() < 0.2
+    np.testing.assert_allclose(boxes.half[0, :32], [[0.25, 0.4, 0.5]] * 2 + [[0.25, 0.8, 0.5]] * 30)
+    np.testing.assert_allclose(np.abs(boxes.center[:, 32:, 1]), 2.3)
 
 
 @pytest.mark.parametrize("task", ["thin-sphere", "wide-sphere"])
@@ -132,7 +136,7 @@ def test_spheres(task):
     np.testing.assert_allclose(spheres.radius, 0.2)
     np.testing.assert_allclose(spheres.center[..., 2], 0.2)
     x, y = spheres.center[..., 0], np.abs(spheres.center[..., 1])
-    assert 2.0 <= x.min() < 2.2 and 29.8 < x.max() <= 30.0 and 2.1 < y.max() <= 2.2
+    assert 2.0 <= x.min() < 2.2 and 72.8 < x.max() <= 73.0 and 2.1 < y.max() <= 2.2
     assert spheres.reward.all()
     # Spheres and obstacles are drawn apart: another sphere does not mean another obstacle in the same place.
     assert np.abs(np.corrcoef(spheres.center[:, 0, 0], pool(task).boxes.center[:, 0, 0])[0, 1]) < 0.5
@@ -140,22 +144,22 @@ def test_spheres(task):
 
 def test_random_shape_sizes():
     boxes = pool("random-shape").boxes
-    half = boxes.half[:, :50]
+    half = boxes.half[:, :135]
     assert 0.163 <= half[..., :2].min() < 0.17 and 0.51 < half[..., :2].max() <= 0.52
     assert 0.45 <= half[..., 2].min() < 0.46 and 0.94 < half[..., 2].max() <= 0.95
-    np.testing.assert_allclose(boxes.center[:, :50, 2], half[..., 2])
-    assert distances(boxes.center[:, :50, :2]).min() >= 1.0 - 1e-6
+    np.testing.assert_allclose(boxes.center[:, :135, 2], half[..., 2])
+    assert distances(boxes.center[:, :135, :2]).min() >= 1.0 - 1e-6
 
 
 def test_a_robot_fits_past_every_carton_indoors():
     boxes = pool("indoor").boxes
-    half, yaw = boxes.collision_half[:, :14], boxes.yaw[:, :14]
+    half, yaw = boxes.collision_half[:, :39], boxes.yaw[:, :39]
     reach_x = half[..., 0] * np.cos(yaw) + half[..., 1] * np.abs(np.sin(yaw))
     reach_y = half[..., 0] * np.abs(np.sin(yaw)) + half[..., 1] * np.cos(yaw)
-    face = boxes.center[0, 15, 1] - boxes.collision_half[0, 15, 1]
-    beside = face + np.abs(boxes.center[:, :14, 1]) - reach_y
+    face = boxes.center[0, 40, 1] - boxes.collision_half[0, 40, 1]
+    beside = face + np.abs(boxes.center[:, :39, 1]) - reach_y
     assert beside.min() > 0.7
-    x = boxes.center[:, :14, 0]
+    x = boxes.center[:, :39, 0]
     assert (x[:, 1:] - reach_x[:, 1:] - x[:, :-1] - reach_x[:, :-1]).min() > 0.3
     assert np.abs(yaw).max() > 0.4
 

@@ -87,7 +87,7 @@ def test_the_goal_is_red_and_a_collected_sphere_is_gone():
     red, green, blue, alpha = model.mat_rgba[model.geom("goal").matid[0]]
     assert red > 3 * max(green, blue) and alpha == 1.0
     scene = one("thin-sphere")
-    gone = replace(scene, spheres=replace(scene.spheres, collected=np.arange(50) == 7))
+    gone = replace(scene, spheres=replace(scene.spheres, collected=np.arange(scene.spheres.count) == 7))
     model = scene_spec(gone).compile()
     assert mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "sphere_7") == -1
     assert model.geom("sphere_8").group[0] == 2
@@ -135,7 +135,7 @@ def test_start_and_heading():
 
 def test_obstacles_that_move_are_mocap_bodies():
     scene, model = one("moving"), compiled("moving")
-    assert model.nmocap == 50 and compiled("thin").nmocap == 0
+    assert model.nmocap == 135 and compiled("thin").nmocap == 0
     data = at_home(model)
     for _ in range(25):
         scene = move(scene, 0.04)
@@ -149,7 +149,7 @@ def test_obstacles_that_move_are_mocap_bodies():
 def test_the_robot_is_stopped_by_contact_geoms():
     """A trunk thrown at an obstacle stops at its contact face, 5 cm before the seen one."""
     scene = one("thin-sphere")
-    box = int(np.argmin(np.asarray(scene.boxes.center)[:50, 0]))
+    box = int(np.argmin(np.asarray(scene.boxes.center)[:135, 0]))
     x, y, _ = np.asarray(scene.boxes.center[box])
     model = scene_spec(scene, start=(x - 0.7, y)).compile()
     data = at_home(model)

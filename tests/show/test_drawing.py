@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import os
+import subprocess
+import warnings
+
 import imageio.v3 as imageio
 import jax
 import jax.numpy as jp
@@ -8,6 +12,7 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import DepthConfig
+from loco_mjx.errors import UserError
 from loco_mjx.networks.encoders import DepthEncoder, VisualTokens
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.tasks import get_task
@@ -52,6 +57,45 @@ def test_overlay_leaves_the_unattended_alone():
     assert red > blue + 50
 
 
+def test_attention_has_one_scale_for_all_frames():
+    """Uniform attention shows nothing; the same attention looks the same whatever else the frame holds."""
+    depth = np.full((64, 64), 3.0)
+    grey = drawing.depth_picture(depth, DEPTH, grey=True)
+    for tokens in (1, 4, 16):
+        uniform = np.full(tokens, 1 / (tokens + 1))
+        np.testing.assert_array_equal(drawing.overlay(depth, uniform, DEPTH), grey)
+    rng = np.random.default_rng(0)
+    nearly = np.full(16, 1 / 17) * rng.uniform(0.8, 1.2, 16)  # as a policy that has learnt nothing
+    assert np.abs(drawing.overlay(depth, nearly, DEPTH).astype(int) - grey).max() < 20
+    alone, beside = np.zeros(16), np.zeros(16)
+    alone[0] = beside[0] = 2 / 17
+    beside[15] = 15 / 17
+    pictures = [drawing.overlay(depth, attention, DEPTH) for attention in (alone, beside)]
+    np.testing.assert_array_equal(pictures[0][:32, :32], pictures[1][:32, :32])
+    assert np.any(pictures[1][-1, -1] != pictures[0][-1, -1])
+
+
+def test_the_scale_shows_the_colours_of_the_overlay_and_its_label():
+    bar = drawing.scale(205)
+    middle = np.full(3, 0.5)
+    np.testing.assert_array_equal(bar[0, 0], [128, 128, 128])  # uniform attention: what is under it
+    np.testing.assert_allclose(bar[0, -1] / 255.0, drawing.attended(np.array([drawing.TOP]), middle)[0], atol=0.01)
+    assert (bar[-15:] < 80).any() and bar.shape[1:] == (205, 3)  # letters
+    view = np.zeros((180, 320, 3), np.uint8)
+    rows, columns = drawing.inset_box(view.shape[:2], drawing.aspect(DEPTH))
+    shown = drawing.with_scale(view, drawing.aspect(DEPTH))
+    np.testing.assert_array_equal(shown[rows.stop + 1, columns], drawing.scale(columns.stop - columns.start)[0])
+    assert not shown[: rows.stop].any() and not shown[:, columns.stop :].any() and not view.any()
+
+
+def test_a_figure_with_attention_has_its_scale(tmp_path):
+    picture = np.zeros((18, 32, 3), np.uint8)
+    for name in ("depth", video.ATTENTION):
+        video.strip([("view", [picture]), (name, [picture])], [0.0], 1.6, tmp_path / f"{name}.svg")
+    texts = [(tmp_path / f"{name}.svg").read_text() for name in ("depth", video.ATTENTION)]
+    assert [drawing.LABEL in text for text in texts] == [False, True]  # matplotlib comments its glyphs with the text
+
+
 def test_near_is_bright():
     picture = drawing.depth_picture(np.array([[0.3, 10.0, 20.0]]), DEPTH).sum(-1)
     assert picture[0, 0] > picture[0, 1] == picture[0, 2]
@@ -84,6 +128,27 @@ def test_a_film_can_be_read_back(suffix, tmp_path):
     assert film.shape[:3] == (10, 36, 64)
     assert [int(frame[..., :3].sum((0, 2)).argmax()) // 6 for frame in film.astype(int)] == list(range(10))
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_film_forks_nothing(tmp_path):
+    """A fork while JAX's threads run may deadlock; JAX warns of each. Programs are started without one."""
+    forks = []
+    os.register_at_fork(before=lambda: forks.append(1))
+    with video.writer(tmp_path / "a.gif", 36, 64, 25.0) as add:
+        add(np.zeros((36, 64, 3), np.uint8))
+    assert not forks
+    with warnings.catch_warnings(action="ignore"):
+        subprocess.run(["true"], preexec_fn=os.getpid, check=True)
+    assert forks  # the hook hears what it should
+
+
+def test_what_ffmpeg_complains_of_is_one_line(tmp_path):
+    with (
+        pytest.raises(UserError, match=r"cannot write '.*a\.mp4': .*(width|height) not divisible") as error,
+        video.writer(tmp_path / "a.mp4", 37, 63, 25.0) as add,
+    ):
+        add(np.zeros((37, 63, 3), np.uint8))
+    assert "\n" not in str(error.value) and not list(tmp_path.iterdir())
 
 
 def test_a_film_that_breaks_off_leaves_nothing(tmp_path):

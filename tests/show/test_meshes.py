@@ -40,3 +40,33 @@ def test_a_ray_from_above_meets_the_triangles_where_it_meets_the_geom(world, nam
     found, ray, _ = mesh.ray.intersects_location(starts, np.tile(down, (200, 1)), multiple_hits=True)
     highest = [found[ray == i, 2].max() for i in range(200)]
     np.testing.assert_allclose(highest, expected, atol=tolerance)
+
+
+def test_the_floor_is_one_checker_wherever_the_robot_is():
+    """Each place has the same colour from every patch that covers it, neighbours differ, and the robot stands on it."""
+
+    def colour(robot, place):
+        for _, mesh, paint in meshes.floor():
+            low, high = mesh.vertices[mesh.faces].min(1), mesh.vertices[mesh.faces].max(1)
+            local = np.append(place, 0.0) - meshes.floor_place(robot)
+            if np.any(np.all((low <= local) & (local <= high), axis=1)):
+                return paint
+        return None
+
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        place = np.round(rng.uniform(-100, 100, 2)) + 0.3
+        robots = [np.append(place + rng.uniform(-15, 15, 2), 0.3) for _ in range(2)]
+        first, second = (colour(robot, place) for robot in robots)
+        assert first == second is not None
+        assert colour(robots[0], place + np.array([meshes.TILE, 0])) != first == colour(robots[0], place + meshes.TILE)
+
+
+def test_only_an_endless_plane_that_is_seen_makes_a_floor():
+    def model(geom):
+        return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{geom}</worldbody></mujoco>")
+
+    seen = model('<geom type="plane" size="0 0 1" group="2"/>')
+    assert meshes.has_floor(seen) and not meshes.by_body(seen, set())
+    assert not meshes.has_floor(model('<geom type="plane" size="0 0 1" group="3"/>'))
+    assert not meshes.has_floor(model('<geom type="box" size="1 1 1" group="2"/>'))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import socket
 import subprocess
 import sys
@@ -93,6 +94,44 @@ def test_the_page_shows_and_steers_the_episode(viewer, page):
     page.get_by_text("episode 0,").wait_for()
 
 
+def test_depth_stays_depth_and_attention_has_a_panel_of_its_own(viewer):
+    """Without a browser: what the server holds for each panel."""
+    found = []
+
+    def look():
+        for overlay in (False, True):
+            viewer.overlay = overlay
+            viewer._draw_eye(dataclasses.replace(viewer._moment, attention=np.eye(16)[5]))
+            found.append((viewer._eye.visible, np.array(viewer._eye.image), viewer._looked.visible))
+        found.append(np.array(viewer._looked.image))
+        viewer.overlay = False
+
+    viewer.ask(look)
+    until(lambda: len(found) == 3)
+    (seen, depth, looked), (seen_too, same, looked_too), attention = found
+    assert seen and seen_too and not looked and looked_too
+    np.testing.assert_array_equal(depth, same)
+    assert attention.shape[0] > depth.shape[0] and np.any(attention[: len(depth)] != depth)
+
+
+def test_the_floor_goes_along_with_the_robot_in_whole_tiles(viewer):
+    found = []
+
+    def look():
+        moment = viewer._moment
+        qpos = moment.qpos.copy()
+        qpos[:2] = 50.3, -7.1
+        viewer._draw(dataclasses.replace(moment, qpos=qpos))
+        found.append((np.array(viewer._floor.position), np.array(viewer._world.position)))
+        viewer._draw(moment)
+
+    viewer.ask(look)
+    until(lambda: found)
+    floor, world = found[0]
+    np.testing.assert_allclose(floor, [50.0, -8.0, 0.0])
+    np.testing.assert_allclose(world, [-50.3, 7.1, 0.0])
+
+
 def test_a_taken_port_is_one_line(viewer):
     from loco_mjx.errors import UserError
 
@@ -109,6 +148,7 @@ def test_a_video_and_a_figure_from_end_to_end(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True)
     optional.skip_without_driver(done.stderr)
     assert done.returncode == 0, done.stderr
+    assert "fork" not in done.stderr
     frames = imageio.imread(film)
     assert frames.shape[:3] == (10, 90, 160)  # seconds × 25, 16:9
     assert frames[0, :40].std() > 10 and imageio.imread(figure).std() > 10

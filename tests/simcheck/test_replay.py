@@ -44,9 +44,9 @@ def _state(robot, targets):
     physics = SimpleNamespace(qpos=robot.data.qpos[None].copy(), qvel=robot.data.qvel[None].copy())
     scene = SimpleNamespace(spheres=SimpleNamespace(collected=np.zeros((1, 0), bool)))
     contacts = np.array([float(robot.contact)])
-    info = {"last_action": (targets - POSE)[None]}
+    episode = SimpleNamespace(last_action=(targets - POSE)[None])
     return SimpleNamespace(
-        pipeline_state=SimpleNamespace(physics=physics, scene=scene), info=info, metrics={"contacts": contacts}
+        pipeline_state=SimpleNamespace(physics=physics, scene=scene, episode=episode), metrics={"contacts": contacts}
     )
 
 

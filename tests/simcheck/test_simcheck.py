@@ -10,13 +10,13 @@ from concurrent.futures import ThreadPoolExecutor
 import jax
 import numpy as np
 import pytest
-from brax.envs.base import State
 from rich.console import Console
 
 from loco_mjx import a1, make_env
 from loco_mjx.cli.main import main
 from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig
 from loco_mjx.deploy import export, folder
+from loco_mjx.env.state import State
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.types import OBSTACLE, STEP
 from loco_mjx.simcheck import replay, report

@@ -1,0 +1,64 @@
+"""The options that a command line names, as they stand there; and the refusal of what says two things at once."""
+
+from __future__ import annotations
+
+import re
+import typing
+from collections.abc import Sequence
+
+import tyro
+
+from loco_mjx.errors import UserError
+
+_OPTION = re.compile(r"--[A-Za-z]")
+
+
+def hyphens(word: str) -> str:
+    """`--ppo.num_envs=8` and `--ppo.num-envs=8` are the same option."""
+    name, equals, value = word.partition("=")
+    return name.replace("_", "-") + equals + value if name.startswith("--") else word
+
+
+def given(args: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
+    """Each option named, in order, with the words after it up to the next one.
+
+    The last one's words may include some that belong to none: there is no telling without the options' types.
+    """
+    found: list[tuple[str, tuple[str, ...]]] = []
+    for arg in args:
+        if _OPTION.match(arg):
+            name, equals, value = hyphens(arg).partition("=")
+            found.append((name, (value,) if equals else ()))
+        elif found:
+            name, values = found[-1]
+            found[-1] = name, (*values, arg)
+    return found
+
+
+def refuse_contradictions(kind: type, args: Sequence[str]) -> None:
+    """Refuses an option that is given twice with different values: one of them would silently win.
+
+    Args:
+        kind: the dataclass of options.
+        args: the words of the command line.
+
+    Raises:
+        UserError: naming the option and both values.
+    """
+    free = _takes_free_words(kind)
+    before: dict[str, tuple[str, ...]] = {}
+    for name, values in given(args):
+        first = before.setdefault(name, values)
+        shared = min(len(first), len(values)) if free else None  # what goes beyond may be the free word
+        if first[:shared] != values[:shared]:
+            raise UserError(f"{name} is given twice, as {_shown(first)} and as {_shown(values)}; accepted: once")
+
+
+def _takes_free_words(kind: type) -> bool:
+    """Whether there is a positional argument, as a run's directory."""
+    hints = typing.get_type_hints(kind, include_extras=True).values()
+    return any(tyro.conf.Positional in getattr(hint, "__metadata__", ()) for hint in hints)
+
+
+def _shown(values: tuple[str, ...]) -> str:
+    return f"'{' '.join(values)}'" if values else "a flag"

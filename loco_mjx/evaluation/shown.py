@@ -1,0 +1,103 @@
+"""Which metrics of an evaluation people are shown, in which order: what matters first, nothing that says nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+PER_METRE = "collisions_per_metre"
+NOTHING = "—"  # where there is no figure
+_STEPS = "steps"
+# Metrics that repeat another where nothing sets the two apart: no goal, no contact before the first obstacle.
+_TWINS = {"progress": "distance", "contacts": "collisions"}
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A metric as it is shown.
+
+    Attributes:
+        name: of the metric.
+        label: in words.
+        unit: or none.
+        digits: after the decimal point.
+        inverse: 1 − value is shown.
+    """
+
+    name: str
+    label: str
+    unit: str = ""
+    digits: int = 2
+    inverse: bool = False
+
+    def value(self, value: float) -> str:
+        """One value in words, without its unit; what rounds to nothing has no sign."""
+        return f"{round(1 - value if self.inverse else value, self.digits) + 0.0:.{self.digits}f}"
+
+    def mean(self, figures: Mapping[str, Any] | None) -> str:
+        """The mean in words, with its unit."""
+        if figures is None:
+            return NOTHING
+        return f"{self.value(figures['mean'])} {self.unit}".rstrip()
+
+    def std(self, figures: Mapping[str, Any] | None) -> str:
+        """The deviation in words."""
+        return "" if figures is None else f"{figures['std']:.{self.digits}f}"
+
+
+DISTANCE = Shown("distance", "distance", "m")
+LEADING = (
+    DISTANCE,
+    Shown("collisions", "collisions", _STEPS, 1),
+    Shown(PER_METRE, "collisions per metre"),
+    Shown("speed", "mean speed", "m/s"),
+    Shown("return", "return", digits=1),
+    Shown("length", "length", _STEPS, 1),
+    Shown("survived", "falls", "of the episodes", inverse=True),
+    Shown("distance_16s", "distance, first 16 s", "m"),
+    Shown("collisions_16s", "collisions, first 16 s", _STEPS, 1),
+)
+FOLLOWING = (
+    Shown("progress", "progress to the goal", "m"),
+    Shown("contacts", "contacts", _STEPS, 1),
+    Shown("spheres", "spheres"),
+    Shown("nonfinite", "non-finite states"),
+)
+UNITS = {"distance": "m", "progress": "m", "speed": "m/s"} | dict.fromkeys(("length", "collisions", "contacts"), _STEPS)
+
+
+def order(metrics: Mapping[str, Mapping[str, Any]], task: str) -> tuple[list[Shown], list[str]]:
+    """What is shown of metrics, and the names of those left out because they were zero in every episode.
+
+    Args:
+        metrics: mean and std of each.
+        task: that they are of.
+
+    Returns:
+        First what every task has, there or not; then what something came of; and what is zero.
+    """
+    known = {one.name: one for one in FOLLOWING}
+    others = [name for name in metrics if name not in known and name not in {one.name for one in LEADING}]
+    shown, zero = list(LEADING), []
+    for name in (*known, *others):
+        if name not in metrics or _same(metrics, name, _TWINS.get(name)):
+            continue
+        if _zero(metrics[name]) and not (task.endswith("-sphere") and "sphere" in name):
+            zero.append(name)
+        else:
+            shown.append(known.get(name, Shown(name, name)))
+    return shown, zero
+
+
+def caption(zero: list[str]) -> str | None:
+    """The line below a table on what it leaves out."""
+    return f"zero in every episode: {', '.join(zero)}" if zero else None
+
+
+def _zero(figures: Mapping[str, Any]) -> bool:
+    return not figures["mean"] and not figures["std"]
+
+
+def _same(metrics: Mapping[str, Mapping[str, Any]], name: str, other: str | None) -> bool:
+    return other is not None and metrics[name] == metrics.get(other)

@@ -1,0 +1,123 @@
+"""Method `distill`: the policy acts, a privileged teacher says what it would have done (DAgger), then PPO goes on.
+
+Ross et al. 2011. The teacher is a blind MLP that also reads what only a simulator knows; it learns by PPO in a fraction
+of the time that a policy takes from pixels. What limits a policy that imitates is what it can see: PPO takes it from
+there, with the teacher's value function as its first critic.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jp
+import optax
+from flax import struct
+from jax.sharding import Mesh
+from jax.sharding import PartitionSpec as P
+
+from loco_mjx.config import Config
+from loco_mjx.env import autoreset
+from loco_mjx.mesh import AXIS
+from loco_mjx.networks.policies import PRIVILEGED, STATE, Params, make_networks
+from loco_mjx.ppo import loss as loss_lib
+from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.ppo import update as update_lib
+from loco_mjx.ppo.collect import Metrics
+from loco_mjx.ppo.normalizer import Normalizer
+from loco_mjx.ppo.train import Trainer, TrainState
+
+TEACHER = "privileged"  # the policy that teaches
+
+
+@struct.dataclass
+class Teacher:
+    """A trained teacher.
+
+    Attributes:
+        params: of the policy TEACHER.
+        normalizer: statistics of its `state`.
+    """
+
+    params: Params
+    normalizer: Normalizer
+
+
+class DistillTrainer(Trainer):
+    """A :class:`Trainer` whose first iterations imitate; those after them are PPO's.
+
+    The policy starts with the teacher's statistics, and its critic as the teacher's value. Programs are compiled when
+    their phase begins.
+    """
+
+    def __init__(
+        self, config: Config, env: autoreset.ResettableEnv, teacher: Teacher, mesh: Mesh | None = None
+    ) -> None:
+        """Prepares the programs; the arguments, and what is raised, are Trainer's.
+
+        Args:
+            config: of the run, of method `distill`.
+            env: one environment that matches it.
+            teacher: to be imitated; its networks are of the same sizes.
+            mesh: devices with one axis named ``env``.
+        """
+        super().__init__(config, env, mesh)
+        self.teacher = teacher
+        self.teaching = make_networks(TEACHER, dataclasses.replace(config.network, critic="shared"), env.action_size)
+        self.imitating = dataclasses.replace(
+            config.ppo,
+            learning_rate=config.distill.learning_rate,
+            minibatch=config.distill.minibatch,
+            epochs=config.distill.epochs,
+            learning_rate_decay=False,
+        )
+        copies = P()
+        step = partial(self.imitate_step, axis_name=AXIS)
+        self._improve: Callable = self.iterate
+        self._imitate = jax.jit(self.spread(step, (self.layout, copies), (self.layout, copies)), donate_argnums=0)
+        self.iterate = self._iterate  # type: ignore[assignment]
+
+    @property
+    def imitations(self) -> int:
+        """Iterations in which the policy imitates."""
+        return round(self.config.distill.imitation * self.config.ppo.iterations)
+
+    def _iterate(self, state: TrainState, pool: Any) -> tuple[TrainState, Metrics]:
+        program = self._imitate if int(state.iteration) < self.imitations else self._improve
+        return program(state, pool)
+
+    def start(self, key: jax.Array, pool: Any, axis_name: str | None = None) -> TrainState:
+        """The state before the first iteration, as Trainer's but for what the teacher gives."""
+        state = super().start(key, pool, axis_name)
+        given = self.teacher.params["params"]
+        critic = {name: given[name] for name in ("state_encoder", "value_head")}
+        params = {"params": state.params["params"] | {"critic": critic}}
+        return dataclasses.replace(state, params=params, normalizer=self.teacher.normalizer, teacher=self.teacher)
+
+    def imitate_step(self, state: TrainState, pool: Any, axis_name: str | None = None) -> tuple[TrainState, Metrics]:
+        """One iteration of imitation: the next state and a dict of scalars."""
+        state, rollout, collected = self.collect_part(state, pool, axis_name)
+        state, learnt = self.update_part(state, rollout, axis_name, learn=self.imitate)
+        return state, collected | learnt
+
+    def imitate(
+        self, state: TrainState, data: update_lib.Experience, key: jax.Array, axis_name: str | None
+    ) -> tuple[tuple[Params, optax.OptState], Metrics]:
+        """As Trainer.learn, from what the teacher would have done."""
+        config = self.imitating
+        data = dataclasses.replace(data, label=self.labels(state.teacher, data.rollout.state, data.rollout.privileged))
+        rate = update_lib.learning_rate(config, state.iteration)
+        learned = (state.params, state.opt_state)
+        learned, metrics = update_lib.update(
+            self.networks, config, learned, data, key, rate, axis_name, self.chunk, loss_lib.imitation
+        )
+        return learned, metrics | {"learning_rate": rate}
+
+    def labels(self, teacher: Teacher, state: jax.Array, privileged: jax.Array | None) -> jax.Array:
+        """(T, B, actions) the teacher's mean actions at (T+1, B, ...) observations but the last, in [−1, 1]."""
+        assert privileged is not None
+        seen = {STATE: normalizer_lib.normalize(teacher.normalizer, state[:-1]), PRIVILEGED: privileged[:-1]}
+        return jax.lax.stop_gradient(jp.tanh(self.teaching.apply(teacher.params, seen).mean))

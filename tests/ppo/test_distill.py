@@ -1,0 +1,138 @@
+"""Imitating a teacher, and going on by PPO from there."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jp
+import numpy as np
+import pytest
+
+from loco_mjx import config as config_lib
+from loco_mjx.config import Config, DistillConfig
+from loco_mjx.errors import UserError
+from loco_mjx.mesh import make_mesh
+from loco_mjx.networks.policies import PRIVILEGED, STATE, make_networks
+from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.ppo.distill import DistillTrainer, Teacher
+from loco_mjx.ppo.train import Trainer
+from tests.ppo.probes import SignProbe, tiny
+
+IMITATIONS, ITERATIONS = 24, 26
+
+
+@dataclass(frozen=True)
+class KnownProbe(SignProbe):
+    """The sign is also `privileged`."""
+
+    @property
+    def observation_size(self):
+        return super().observation_size | {PRIVILEGED: (1,)}
+
+    def observe(self, state):
+        state = super().observe(state)
+        return state.replace(obs=state.obs | {PRIVILEGED: state.pipeline_state["sign"][None]})
+
+
+def _config():
+    config = tiny(minibatch=32, total_steps=128 * ITERATIONS)
+    distill = DistillConfig(imitation=IMITATIONS / ITERATIONS, learning_rate=3e-3, minibatch=32, epochs=4)
+    return config_lib.with_method(dataclasses.replace(config, method="distill", distill=distill))
+
+
+def _teacher(config):
+    """One whose answers to the two signs are far apart."""
+    networks = make_networks("privileged", dataclasses.replace(config.network, critic="shared"), 1)
+    blank = {STATE: jp.zeros((1, 2)), PRIVILEGED: jp.zeros((1, 1))}
+    params = jax.device_get(networks.init(jax.random.PRNGKey(5), blank))
+    sign = {STATE: jp.zeros((2, 2)), PRIVILEGED: jp.array([[1.0], [-1.0]])}
+    mean = params["params"]["policy_head"]["mean"]["output"]
+    mean["kernel"] = mean["kernel"] * 1e3
+    raw = np.asarray(networks.apply(params, sign).mean)
+    mean["kernel"] = mean["kernel"] * -1.5 / (raw[0] - raw[1])
+    middle = np.asarray(networks.apply(params, sign).mean).mean()
+    mean["bias"] = mean["bias"] - middle
+    normalizer = dataclasses.replace(normalizer_lib.create(2), count=jp.array(1e6), squares=jp.full(2, 1e6))
+    return Teacher(params, normalizer), networks
+
+
+@pytest.fixture(scope="module")
+def run():
+    """The trainer, and states and metrics of every iteration."""
+    config = _config()
+    teacher, networks = _teacher(config)
+    trainer = DistillTrainer(config, KnownProbe(), teacher, make_mesh(jax.devices()[:2]))
+    state = trainer.init()
+    states, rows = [jax.device_get(state)], []
+    for i in range(ITERATIONS):
+        state, metrics = trainer.iterate(state, trainer.make_pool(i))
+        states.append(jax.device_get(state))
+        rows.append(jax.device_get(metrics))
+    return trainer, teacher, networks, states, rows
+
+
+def _obs():
+    return {STATE: jp.array([[1.0, 0.25], [-1.0, 0.5]]), PRIVILEGED: jp.array([[1.0], [-1.0]])}
+
+
+def test_the_policy_comes_to_act_as_its_teacher(run):
+    trainer, teacher, networks, states, rows = run
+    assert trainer.imitations == IMITATIONS
+    wanted = jp.tanh(networks.apply(teacher.params, _obs()).mean)
+    before, after = (jp.tanh(trainer.networks.apply(states[i].params, _obs()).mean) for i in (0, IMITATIONS))
+    assert float(jp.abs(before - wanted).min()) > 0.3
+    np.testing.assert_allclose(after, wanted, atol=0.1)
+    assert rows[IMITATIONS - 1]["loss/imitation"] < 0.05 * rows[0]["loss/imitation"]
+
+
+def test_it_starts_with_the_teachers_value_and_statistics(run):
+    trainer, teacher, networks, states, _ = run
+    values = networks.apply(teacher.params, _obs()).value
+    np.testing.assert_allclose(trainer.networks.apply(states[0].params, _obs()).value, values, rtol=1e-5)
+    jax.tree.map(np.testing.assert_array_equal, states[0].normalizer, teacher.normalizer)
+    # The value learns all the while: that of a policy that imitates is not its teacher's.
+    drift = jp.abs(trainer.networks.apply(states[IMITATIONS].params, _obs()).value - values)
+    assert float(drift.max()) > 0.1
+
+
+def test_the_teacher_and_the_exploration_stay(run):
+    _, teacher, _, states, rows = run
+    jax.tree.map(np.testing.assert_array_equal, states[-1].teacher, teacher)
+    np.testing.assert_allclose([row["policy/std"] for row in rows[:IMITATIONS]], 0.3, rtol=1e-5)
+
+
+def test_then_ppo_goes_on(run):
+    _, _, _, states, rows = run
+    assert all(("loss/imitation" in row) == (i < IMITATIONS) for i, row in enumerate(rows))
+    assert all(("loss/policy" in row) == (i >= IMITATIONS) for i, row in enumerate(rows))
+    # From there the exploration is learnt, too.
+    before, after = (states[i].params["params"]["policy_head"]["log_std"] for i in (IMITATIONS, -1))
+    assert np.all(before != after)
+    assert int(states[-1].iteration) == ITERATIONS
+
+
+def test_what_a_run_of_this_method_is_made_of():
+    config = config_lib.with_method(Config(method="distill"))
+    assert config.env.observation.privileged and config.network.critic == "privileged"
+    assert config.network.initial_std == config.distill.std and config.ppo.optimizer == "separate"
+    teacher = config_lib.teacher_of(config)
+    assert teacher.policy == "privileged" and teacher.method == "ppo" and not teacher.env.observation.depth.enabled
+    assert teacher.ppo.total_steps == config.distill.teacher_ratio * config.ppo.total_steps
+    assert teacher.network == dataclasses.replace(config.network, critic="shared", initial_std=1.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "complaint"),
+    [({"imitation": 1.5}, "imitation is 1.5; accepted: 0 to 1"), ({"minibatch": 48}, "minibatch 48 does not divide")],
+)
+def test_values_that_do_not_fit_are_refused(values, complaint):
+    config = dataclasses.replace(_config(), distill=dataclasses.replace(_config().distill, **values))
+    with pytest.raises(UserError, match=complaint):
+        config_lib.check(config)
+
+
+def test_whoever_needs_privileged_observations_says_so():
+    with pytest.raises(UserError, match="needs the privileged observation"):
+        Trainer(_config(), SignProbe())

@@ -1,0 +1,44 @@
+"""What the documents say in numbers is what the configuration holds and what was measured."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from experiments import committed, document, ordering
+from experiments.paper import EXPERIMENTS
+from loco_mjx.config import PPOConfig, preset
+
+ROOT = Path(__file__).parents[1]
+
+
+def text(name):
+    return " ".join((ROOT / name).read_text().split())
+
+
+@pytest.mark.parametrize("name", ["fast", "paper"])
+def test_the_readme_says_how_scenes_are_drawn(name):
+    ppo: PPOConfig = preset(name).ppo
+    assert f"a pool of {ppo.pool_size} and replaces all of them every {ppo.pool_refresh} iterations" in text(
+        "README.md"
+    )
+
+
+def test_no_speed_is_claimed_that_no_result_stands_behind():
+    """Until a GPU's result is committed, the words say that there is none."""
+    devices = set()
+    for path in committed.runs().values():
+        devices.add(json.loads((path / "info.json").read_text())["devices"]["kind"])
+    assert devices == {"cpu"}, "there is a GPU's result: the README and experiments/document.py may say so"
+    assert "minutes on a GPU" not in text("README.md") and "on a GPU has not been measured" in text("README.md")
+    assert "No run on a GPU has been measured" in document.LEARNING
+
+
+def test_where_results_are_shown_it_is_said_of_which_preset_they_are():
+    assert {experiment.preset for experiment in EXPERIMENTS} == {"paper"}
+    keys, paper = ("minibatch", "epochs", "learning_rate"), preset("paper").ppo
+    used = [json.loads((path / "config.json").read_text())["ppo"] for path in committed.runs().values()]
+    published = any(all(ppo[key] == getattr(paper, key) for key in keys) for ppo in used)
+    assert used and not published, "a run of the paper preset is published: the documents may say so"
+    for words in (document.LEARNING, ordering.COMPARISON, text("docs/comparing.md")):
+        assert "`paper`" in words and "`fast` preset" in " ".join(words.split())
