@@ -8,6 +8,8 @@ from pathlib import Path
 import jax
 import pytest
 
+from tests.quick import Compilation
+
 jax.config.update("jax_num_cpu_devices", 2)
 _CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "loco-mjx" / "xla"
 jax.config.update("jax_compilation_cache_dir", str(_CACHE))
@@ -15,21 +17,19 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 # Files whose tests take longest start first, so that no worker is left alone with one at the end.
-_LONG = ("test_web.py", "test_simcheck.py", "test_learning.py", "test_loco_env.py", "test_ray.py", "test_hosts.py")
-_LONG += ("test_depth_c_mujoco.py", "test_physics_c_mujoco.py", "test_train.py", "test_seeds.py")
-_LONG += ("test_brax.py",)
+_LONG = ("test_hosts.py", "test_web.py", "test_simcheck.py", "test_brax.py", "test_ray.py", "test_loco_env.py")
+_LONG += ("test_physics_c_mujoco.py", "test_depth_c_mujoco.py", "test_learning.py", "test_train.py", "test_seeds.py")
 
 
-# Where arithmetic is tested, programs are compiled as users' are; elsewhere without optimisation, in half the time.
-_OPTIMIZED = ("oracle", "physics", "depth", "ppo")
+# Where arithmetic is tested, programs are compiled as users' are; elsewhere in half the time.
+_OPTIMIZED = ("oracle", "physics", "depth")
+_COMPILATION = Compilation()
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Chooses, before any fixture is made, how its programs are compiled, and those of the processes it starts."""
-    unoptimized = item.path.parent.name not in _OPTIMIZED
-    jax.config.update("jax_disable_most_optimizations", unoptimized)
-    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(unoptimized))
+    _COMPILATION.choose(quickly=item.path.parent.name not in _OPTIMIZED)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
