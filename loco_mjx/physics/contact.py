@@ -17,7 +17,7 @@ from loco_mjx.physics import arrow
 from loco_mjx.physics.arrow import BASE, JOINTS, LEGS, Motion
 from loco_mjx.physics.kinematics import RADII, Pose, Vector, calf_centers, column, trunk_centers
 from loco_mjx.physics.model import PhysicsModel, Softness
-from loco_mjx.physics.rows import FRICTIONLESS, Constraints
+from loco_mjx.physics.rows import Constraints
 from loco_mjx.physics.slots import Planes, Slots
 from loco_mjx.physics.stage import add_up
 
@@ -87,10 +87,12 @@ def _stacked(vectors: list[Vector]) -> Vector:
 
 
 class _LegRows(NamedTuple):
-    """Contacts of the legs: S with friction, of the feet's slots and the knees', then of the hips and the calves.
+    """Contacts of the legs: S with friction, of the feet's slots and the knees' nearest, then K without.
+
+    The K are the hips', the calves' and the knees' others.
 
     Attributes:
-        distance: (S + 2, 4, N).
+        distance: (S + K, 4, N).
         point: x, y, z of the contacts, each (P, 4, N), for each row of the Jacobian.
         direction: of each row, likewise.
     """
@@ -102,10 +104,11 @@ class _LegRows(NamedTuple):
 
 def _leg_rows(robot: Pose, slots: Slots) -> _LegRows:
     count = len(slots.feet)
-    rough, smooth = (*slots.feet, *slots.knees), (slots.hips, slots.calves)
-    centers = (*[robot.foot] * count, *[robot.knee] * count, robot.shoulder, calf_centers(robot))
+    rough, smooth = (*slots.feet, slots.knees[0]), (slots.hips, slots.calves, *slots.knees[1:])
+    others = len(smooth) - 2
+    centers = (*[robot.foot] * count, robot.knee, robot.shoulder, calf_centers(robot), *[robot.knee] * others)
     foot, hip, knee, calf = RADII[: 4 * LEGS : LEGS]
-    radii = (*[foot] * count, *[knee] * count, hip, calf)
+    radii = (*[foot] * count, knee, hip, calf, *[knee] * others)
     points = [_contact_point(c, plane, r) for c, plane, r in zip(centers, rough + smooth, radii, strict=True)]
     frames = [tangents(plane.normal) for plane in rough]
     directions = [plane.normal for plane in rough] + [f[0] for f in frames] + [f[1] for f in frames]
@@ -119,18 +122,19 @@ def _legs(
     model: PhysicsModel, robot: Pose, velocity: Motion, legs: _LegRows, friction: jax.Array, mass: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Jacobian, reference and weight of the legs' contacts; see rows.Constraints."""
-    slots = legs.distance.shape[0] - FRICTIONLESS
+    rows, contacts = legs.point[0].shape[0], legs.distance.shape[0]
+    slots = (rows - contacts) // 2
     # A hip's sphere moves with the hip joint only.
-    beyond_hip = (np.arange(3 * slots + FRICTIONLESS) != 3 * slots).astype(np.float32).reshape(-1, 1, 1)
+    beyond_hip = (np.arange(rows) != 3 * slots).astype(np.float32).reshape(-1, 1, 1)
     hip, thigh, calf = _joint_rows(robot, legs.point, legs.direction)
     base = _base_rows(robot, legs.point, legs.direction)
     jacobian = jp.stack([*base, hip, thigh * beyond_hip, calf * beyond_hip])
     # As in MuJoCo, every edge of a pyramid has this times its normal's inverse weight.
     edge = 2.0 * friction * friction * (1.0 + friction * friction) / mass
     foot, shoulder, knee, shaft = model.sphere_invweight[: 4 * LEGS].reshape(4, 1, LEGS, 1)
-    rough = np.concatenate([foot] * (slots // 2) + [knee] * (slots // 2))
+    rough = np.concatenate([foot] * (slots - 1) + [knee])
     rough_weight, rough_pull = _weight_and_pull(model.softness, legs.distance[:slots], rough * edge)
-    smooth = np.concatenate([shoulder, shaft])
+    smooth = np.concatenate([shoulder, shaft] + [knee] * (contacts - slots - 2))
     smooth_weight, smooth_pull = _weight_and_pull(model.softness, legs.distance[slots:], smooth / mass)
     speed = add_up(jacobian[i] * velocity.base[i] for i in range(BASE))
     speed = speed + add_up(jacobian[BASE + j] * velocity.joints[j] for j in range(JOINTS))

@@ -83,7 +83,7 @@ def _softness(solref: np.ndarray, solimp: np.ndarray, timestep: float) -> Softne
     return Softness(stiffness, damping, lowest, highest, width, middle)
 
 
-def build(config: PhysicsConfig, obstacle_slots: int = 1) -> PhysicsModel:
+def build(config: PhysicsConfig, obstacle_slots: int = 2) -> PhysicsModel:
     """Builds the physics.
 
     Args:

@@ -14,19 +14,17 @@ import numpy as np
 from loco_mjx.physics.arrow import BASE, JOINTS, LEGS, Arrow, Motion
 from loco_mjx.physics.stage import Stage, add_up
 
-FRICTIONLESS = 2  # contacts of a leg: its hip's and its calf's
-
 
 class Constraints(NamedTuple):
     """Everything that pushes. Rows with weight 0 are out of contact.
 
-    A leg has S slots with friction, its foot's and its knee's, and two without. Its P rows are S normals, S first
-    tangents, S second tangents, then the normals of the hip's contact and of the calf's: P = 3 S + 2.
+    A leg has S slots with friction, its foot's and its knee's nearest, and K without. Its P rows are S normals, S first
+    tangents, S second tangents, then the normals of the K: the hip's, the calf's, the knee's others. P = 3 S + K.
 
     Attributes:
         legs: (9, P, 4, N) Jacobian of the legs' contacts: in the base's degrees of freedom, then in the leg's joints.
         leg_reference: (P, 4, N) reference acceleration r in each direction.
-        leg_weight: (S + 2, 4, N) D, of every edge of a friction pyramid, and of what has no friction.
+        leg_weight: (S + K, 4, N) D, of every edge of a friction pyramid, and of what has no friction.
         friction: (N,) coefficient of feet and knees.
         trunk: (6, T, N) Jacobian of the trunk's contacts, without friction.
         trunk_reference: (T, N).
@@ -50,7 +48,7 @@ class Constraints(NamedTuple):
     @property
     def slots(self) -> int:
         """S, contact slots with friction per leg."""
-        return self.leg_weight.shape[0] - FRICTIONLESS
+        return (self.legs.shape[1] - self.leg_weight.shape[0]) // 2
 
 
 class Values(NamedTuple):

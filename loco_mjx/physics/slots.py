@@ -77,7 +77,8 @@ class Slots(NamedTuple):
     Attributes:
         feet: planes (4,): the ground's, then the nearest obstacles' and steps', nearest first.
         hips: (4,) the nearest of everything.
-        knees: planes (4,) as the feet's: a robot on its knees leans against walls.
+        knees: planes (4,): the nearest of everything, which has friction, then the others of the feet's, which have
+            none: a robot on its knees leans against walls.
         calves: (4,) the nearest of everything.
         trunk: (6,) the nearest of everything.
         hit: bool, whether any sphere touches an obstacle or a wall.
@@ -281,7 +282,8 @@ def touch(stage: Stage, scene: Near, point: Vector, obstacle_slots: int) -> Slot
     single = stage(lambda: _choose(nearest[0].distance < floor.distance, nearest[0], floor))
     cut = lambda plane, a, b: jax.tree.map(lambda x: x[a:b], plane._replace(distance=plane.distance - radii))  # noqa: E731
     feet = tuple(cut(plane, 0, LEGS) for plane in (floor, *nearest))
-    knees = tuple(cut(plane, 2 * LEGS, 3 * LEGS) for plane in (floor, *nearest))
+    other = stage(lambda: _choose(nearest[0].distance < floor.distance, floor, nearest[0]))
+    knees = tuple(cut(plane, 2 * LEGS, 3 * LEGS) for plane in (single, other, *nearest[1:]))
     hips, calves, trunk = (cut(single, a * LEGS, b and b * LEGS) for a, b in ((1, 2), (3, 4), (4, None)))
     return Slots(feet, hips, knees, calves, trunk, ranking.hit)
 

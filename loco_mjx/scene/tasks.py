@@ -22,7 +22,8 @@ class Task:
         summary: one line for users.
         toward_goal: forward is toward scene.goal, in three dimensions, instead of +x.
         moving: the obstacles move.
-        obstacle_slots: boxes or cylinders that may touch one part of the robot at the same time.
+        obstacle_slots: boxes or cylinders that may touch a foot or a knee at the same time. Two, as a foot is between
+            two blocks, or in the corner between a step and the next riser.
     """
 
     name: str
@@ -30,7 +31,7 @@ class Task:
     summary: str
     toward_goal: bool = False
     moving: bool = False
-    obstacle_slots: int = 1
+    obstacle_slots: int = 2
 
 
 _ALL = (
@@ -45,8 +46,7 @@ _ALL = (
     Task("indoor", layouts.indoor, "a corridor with cartons and cabinets in the way"),
     Task("forest", layouts.forest, "trees on rough, sloped ground with potholes"),
     Task("hill", layouts.hill, "rolling hills with the goal on top", toward_goal=True),
-    # Two slots: a foot in the corner between a step and the next riser touches both.
-    Task("stairs", layouts.stairs, "four steps up, a plateau, four steps down", obstacle_slots=2),
+    Task("stairs", layouts.stairs, "four steps up, a plateau, four steps down"),
 )
 TASKS: dict[str, Task] = {task.name: task for task in _ALL}
 

@@ -86,29 +86,47 @@ def _spheres_in_corners(model: mujoco.MjModel, data: mujoco.MjData) -> set[str]:
     return {name for name in names if name.endswith("_sphere") and names.count(name) > 1}
 
 
+def _depths(data: mujoco.MjData, sphere: str) -> tuple[float, float]:
+    """How deep a sphere is in the ground z = 0 and in the wall that is felt from y = 0.35, m."""
+    _, y, z = data.geom(sphere).xpos
+    radius = data.model.geom(sphere).size[0]
+    return radius - z, y + radius - 0.35
+
+
 def _kneeling_states(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Poses on folded legs with the left knees about y = 0.34 m, velocities, targets that press the knees down."""
+    """Poses on folded legs with the left knees, not the feet, about y = 0.34 m, velocities, targets that press down."""
     rng = np.random.default_rng(12)
     quat = rng.normal(size=(count, 4)) * 0.03 + [1, 0, 0, 0]
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)
-    angles = np.tile([0.0, 0.9, -2.65], 4) + 0.04 * rng.normal(size=(count, 12))
-    place = np.stack([np.zeros(count), np.full(count, 0.2), rng.uniform(0.13, 0.15, count)], axis=1)
-    targets = np.tile([0.1, 0.9, -2.6], 4) + 0.2 * rng.normal(size=(count, 12))
+    angles = np.array([[s * 0.2, 0.9, -2.65] for s in (-1, 1, -1, 1)]).ravel() + 0.04 * rng.normal(size=(count, 12))
+    place = np.stack([np.zeros(count), np.full(count, 0.175), rng.uniform(0.11, 0.13, count)], axis=1)
+    targets = np.array([[s * 0.2, 0.9, -2.6] for s in (-1, 1, -1, 1)]).ravel() + 0.2 * rng.normal(size=(count, 12))
     return np.concatenate([place, quat, angles], axis=1), 0.3 * rng.normal(size=(count, 18)), targets
 
 
 def test_a_knee_on_the_ground_leans_against_a_wall_as_in_c():
-    """With one plane for a knee it would sink into the ground while it leans, and the robot would go down with it."""
+    """With one plane for a knee it would sink into the ground while it leans, and the robot would go down with it.
+
+    A knee has friction against the nearest only, here the ground: C gets a wall without.
+    """
     full = scene([{"center": (0.0, 0.5, 0.5), "half": (3.0, 0.1, 0.5), "kind": OBSTACLE}])  # contact from y = 0.35
     c_model = scene_spec(full).compile()
-    qpos, qvel, targets = _kneeling_states(200)
+    wall = c_model.geom("obstacle_0_contact").id
+    c_model.geom_priority[wall], c_model.geom_condim[wall] = 2, 1
+    qpos, qvel, targets = _kneeling_states(2000)
     picked = []
     for n in range(len(qpos)):
         data = mujoco.MjData(c_model)
         data.qpos[:] = qpos[n]
         mujoco.mj_forward(c_model, data)
         corners = _spheres_in_corners(c_model, data)
-        if corners and all("knee" in name for name in corners) and min(c.dist for c in data.contact) > -0.03:
+        if not corners or not all("knee" in name for name in corners):
+            continue
+        feet = [f"{leg}_foot_sphere" for leg in a1.LEGS]
+        into_wall = max(_depths(data, name)[1] for name in corners)
+        free = max(_depths(data, name)[1] for name in feet) < 0
+        lower = all(_depths(data, name)[0] > into_wall for name in corners)
+        if free and lower and min(c.dist for c in data.contact) > -0.03:
             picked.append(n)
     picked = picked[: world.BATCH]
     assert len(picked) == world.BATCH
@@ -117,6 +135,16 @@ def test_a_knee_on_the_ground_leans_against_a_wall_as_in_c():
     for ours, n in zip(states.qpos[:, 0], picked, strict=True):
         after = _c_step(c_model, qpos[n], qvel[n], targets[n])
         assert np.abs(ours - after).max() / np.abs(after - qpos[n]).max() < 5e-3
+
+
+def test_a_foot_stands_on_the_two_edges_of_a_gap_as_in_c():
+    """Sphere of 4 cm over a gap of 3 cm between two blocks; with one slot for blocks it would fall in."""
+    middle = 0.183  # x of the front feet
+    full = scene([{"center": (middle + side * 0.415, 0.0, 0.1), "half": (0.4, 0.5, 0.1)} for side in (-1, 1)])
+    start, targets = standing(height=0.2 + a1.STAND_HEIGHT), world.still(10)
+    theirs = c_rollout(scene_spec(full).compile(), start, targets, *GAIT)
+    ours, _ = rollout([start], [full], targets, [_gait()], CONVERGED)
+    np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-3)
 
 
 def test_trot_on_flat_ground_follows_c():
