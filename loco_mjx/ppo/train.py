@@ -33,6 +33,12 @@ CPU_CHUNK = 32  # samples at once on a CPU device: activations stay in the cache
 _PARAMS, _ENVS, _POOL, _ACTIONS, _SHUFFLE = range(5)
 
 
+def _nonfinite(tree: Any) -> jax.Array:
+    """() how many numbers of a pytree are NaN or infinite."""
+    counts = [jp.sum(~jp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)]
+    return jp.asarray(sum(counts), jp.float32)
+
+
 @struct.dataclass
 class TrainState:
     """Everything that training carries from one iteration to the next, and all that a checkpoint needs.
@@ -213,7 +219,8 @@ class Trainer:
             iteration=state.iteration + 1,
             samples=state.samples + ppo.samples_per_iteration,
         )
-        return state, metrics
+        kept = {"parameters": state.params, "optimizer": state.opt_state, "normalizer": state.normalizer}
+        return state, metrics | {f"nonfinite/{name}": _nonfinite(tree) for name, tree in kept.items()}
 
     def learn(
         self, state: TrainState, data: update_lib.Experience, key: jax.Array, axis_name: str | None

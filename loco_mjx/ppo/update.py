@@ -219,9 +219,10 @@ def update(
 
 
 def _averages(steps: Metrics) -> Metrics:
-    """Means over the minibatches whose gradient was used, and how many were not."""
+    """Means over the minibatches whose gradient was used, NaN where none was, and how many were not."""
     usable = steps.pop("usable")
-    means = {name: masked_mean(values, usable) for name, values in steps.items()}
+    any_used = jp.any(usable > 0)
+    means = {name: jp.where(any_used, masked_mean(values, usable), jp.nan) for name, values in steps.items()}
     return means | {"skipped_updates": jp.sum(1.0 - usable)}
 
 

@@ -228,6 +228,9 @@ class _Loop:
                 self.reporter.say(f"{record.problem}; the other seeds go on")
         if all(record.problem for record in self.records):
             self._tell_of_problems()
+        skipped = sum(row.get("skipped_updates", 0.0) for row in rows)
+        if skipped:
+            self.reporter.say(f"{skipped:.0f} updates were skipped after {samples:,} samples: no finite gradient")
         broken = sum(row.get("nonfinite", 0.0) for row in rows)
         if broken and not self.warned:
             self.warned = True

@@ -14,6 +14,7 @@ from loco_mjx.run import checkpoint, hosts
 from loco_mjx.run.logger import Logger
 
 Row = dict[str, float]
+NONFINITE = "nonfinite/"  # the learner's metrics of how many numbers of what it learns are none
 
 
 @dataclass(frozen=True)
@@ -69,14 +70,29 @@ class Record:
             self._logger.close()
 
     def check(self, row: Row, samples: int) -> bool:
-        """Whether the run may go on; one whose loss is no number may not, lest a checkpoint keeps it."""
-        broken = [name for name, value in row.items() if name.startswith("loss/") and not math.isfinite(value)]
+        """Whether the run may go on; one whose losses or whose state hold what is no number may not.
+
+        A checkpoint would keep it.
+        """
+        broken = _diverged(row)
         if broken and self.problem is None:
             self.problem = (
-                f"training diverged after {samples:,} samples ({broken[0]} is {row[broken[0]]}); "
+                f"training diverged after {samples:,} samples ({broken}); "
                 f"{self.run.directory} keeps the last checkpoint: lower ppo.learning-rate and use another --out"
             )
         return self.problem is None
+
+
+def _diverged(row: Row) -> str | None:
+    """What of an iteration's row shows that training has diverged."""
+    for name, value in row.items():
+        if name.startswith(NONFINITE) and value:
+            return f"{value:,.0f} numbers of the {name.removeprefix(NONFINITE)} are NaN or infinite"
+    for name, value in row.items():
+        if name.startswith("loss/") and not math.isfinite(value):
+            skipped = row.get("skipped_updates", 0.0)
+            return f"all {skipped:,.0f} updates of an iteration were skipped" if skipped else f"{name} is {value}"
+    return None
 
 
 def policy_of(state: Any) -> checkpoint.Policy:

@@ -1,4 +1,5 @@
 import csv
+import dataclasses
 import io
 import os
 import signal
@@ -120,6 +121,37 @@ def test_a_diverged_run_does_not_overwrite_its_last_good_checkpoint(tmp_path, tr
     with pytest.raises(UserError, match="diverged after 64 samples"):
         loop.run(Diverging(), tiny_config(), tmp_path, EVERY, reporter)
     assert checkpoint.steps(tmp_path) == [64, 32]
+
+
+@pytest.mark.parametrize(
+    ("rate", "what"),
+    [(float("inf"), "numbers of the parameters are NaN"), (1e30, "all 4 updates of an iteration were skipped|NaN")],
+)
+def test_what_diverges_without_a_loss_that_shows_it_stops_too(tmp_path, reporter, rate, what):
+    """Updates whose gradient is no number are skipped, and leave no loss behind."""
+    config = tiny_config(learning_rate=rate)
+    with pytest.raises(UserError, match=what):
+        loop.run(tiny_trainer(config), config, tmp_path, EVERY, reporter)
+    for step in checkpoint.steps(tmp_path):
+        state, _ = checkpoint.restore(tmp_path, tiny_trainer(config).init(), config, print, at=step)
+        assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((state.params, state.normalizer)))
+
+
+def test_observations_beyond_what_squares_can_hold_stop_the_run(tmp_path, reporter):
+    config = tiny_config(iterations=3)
+    trainer = tiny_trainer(config)
+
+    class Wild:
+        init, make_pool = trainer.init, trainer.make_pool
+
+        def iterate(self, state, pool):
+            huge = jax.tree.map(lambda x: x, state.env_state.obs) | {"state": state.env_state.obs["state"] * 1e30}
+            env_state = dataclasses.replace(state.env_state, obs=huge)
+            return trainer.iterate(dataclasses.replace(state, env_state=env_state), pool)
+
+    with pytest.raises(UserError, match="normalizer"):
+        loop.run(Wild(), config, tmp_path, EVERY, reporter)
+    assert checkpoint.steps(tmp_path) == []
 
 
 def test_evaluations_are_at_the_start_at_even_distances_and_at_the_end(tmp_path, trainer, reporter):
