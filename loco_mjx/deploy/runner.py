@@ -199,7 +199,8 @@ class Runner:
         for step in range(1, steps + limp + 1):
             part = min(step / steps, 1.0)
             try:
-                self.robot.command((1 - part) * start + part * SIT, kp * (1 - part), kd)
+                targets = np.clip((1 - part) * start + part * SIT, self.manifest.lower, self.manifest.upper)
+                self.robot.command(targets, kp * (1 - part), kd)
             except RobotError:
                 continue  # it may answer the next one
 

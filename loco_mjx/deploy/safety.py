@@ -15,6 +15,7 @@ import numpy as np
 
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.observer import up
+from loco_mjx.deploy.plausible import impossible, malformed
 from loco_mjx.deploy.robot import Frame, Sensors
 
 
@@ -27,6 +28,7 @@ class Cause(StrEnum):
     STALE_SENSORS = "stale sensors"
     STALE_CAMERA = "stale camera"
     NONFINITE_SENSORS = "non-finite sensors"
+    IMPOSSIBLE_SENSORS = "impossible sensors"
     NONFINITE_ACTION = "non-finite action"
     DEADLINE = "missed deadlines"
     ESTOP = "emergency stop"
@@ -114,13 +116,14 @@ class Guard:
         self.clamped = 0  # commands that were changed
 
     def sensors(self, sensors: Sensors, now: float) -> None:
-        """Refuses measurements that are old, not finite, or of a robot that falls or is bent beyond its limits."""
-        values = np.concatenate([sensors.angles, sensors.velocities, sensors.quat, sensors.gyro])
-        if not np.all(np.isfinite(values)) or np.linalg.norm(sensors.quat) < 1e-6:
-            raise Stop(Cause.NONFINITE_SENSORS, "a measurement is not a number")
+        """Refuses measurements that are old, impossible, or of a robot that falls or is bent beyond its limits."""
+        if wrong := malformed(sensors):
+            raise Stop(Cause.NONFINITE_SENSORS, wrong)
         age = now - sensors.time
         if age > self.limits.sensor_age:
             raise Stop(Cause.STALE_SENSORS, f"{1000 * age:.0f} ms old")
+        if wrong := impossible(sensors, self._manifest.joints):
+            raise Stop(Cause.IMPOSSIBLE_SENSORS, wrong)
         if up(sensors.quat) < self.limits.min_up:
             raise Stop(Cause.TILT, f"{np.degrees(np.arccos(np.clip(up(sensors.quat), -1, 1))):.0f}° from upright")
         beyond = np.maximum(self._manifest.lower - sensors.angles, sensors.angles - self._manifest.upper)
@@ -148,7 +151,10 @@ class Guard:
             raise Stop(Cause.DEADLINE, f"{self._missed} in a row, the last by {1000 * (latency - period):.0f} ms")
 
     def clamp(self, targets: np.ndarray, sensors: Sensors, kp: float, kd: float) -> np.ndarray:
-        """(12,) targets within the joints' limits, and such that the PD law asks for no more than the torque limit."""
+        """(12,) targets such that the PD law asks for no more than the torque limit, and within the joints' limits.
+
+        The joints' limits come last: whatever is measured, no command is beyond them.
+        """
         m = self._manifest
         within = np.clip(targets, m.lower, m.upper)
         torque = kp * (within - sensors.angles) - kd * sensors.velocities
@@ -158,6 +164,7 @@ class Guard:
         if self._saturated[worst] > self.limits.saturated:
             raise Stop(Cause.TORQUE, f"{m.joints[worst]} asks for {torque[worst]:.0f} N·m")
         allowed = np.clip(torque, -m.torque_limit, m.torque_limit)
-        safe = np.where(over, sensors.angles + (allowed + kd * sensors.velocities) / kp, within)
+        bounded = np.where(over, sensors.angles + (allowed + kd * sensors.velocities) / kp, within)
+        safe = np.clip(bounded, m.lower, m.upper)
         self.clamped += int(np.any(safe != targets))
         return safe
