@@ -15,7 +15,7 @@ import numpy as np
 
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.observer import up
-from loco_mjx.deploy.plausible import impossible, malformed
+from loco_mjx.deploy.plausible import impossible, malformed, unusable
 from loco_mjx.deploy.robot import Frame, Sensors
 
 
@@ -27,10 +27,14 @@ class Cause(StrEnum):
     TILT = "tilt"
     STALE_SENSORS = "stale sensors"
     STALE_CAMERA = "stale camera"
+    IMPOSSIBLE_IMAGE = "impossible image"
     NONFINITE_SENSORS = "non-finite sensors"
     IMPOSSIBLE_SENSORS = "impossible sensors"
     NONFINITE_ACTION = "non-finite action"
     DEADLINE = "missed deadlines"
+    CLOCK = "clock"
+    POLICY = "policy failed"
+    FAILURE = "software failure"
     ESTOP = "emergency stop"
     ROBOT = "robot does not answer"
 
@@ -65,7 +69,7 @@ class Limits:
 
 
 class EmergencyStop:
-    """Set by a signal (Ctrl-C, SIGTERM, SIGUSR1) or by Enter on a terminal; once set it stays."""
+    """Set by a signal (Ctrl-C, SIGTERM, SIGHUP, SIGUSR1) or by Enter on a terminal; once set it stays."""
 
     def __init__(self) -> None:
         self.by: str | None = None
@@ -82,7 +86,7 @@ class EmergencyStop:
         """Listens to signals; outside of the main thread Python does not allow it and only the key is left."""
         before: dict[int, object] = {}
         with contextlib.suppress(ValueError):
-            for name in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+            for name in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
                 before[name] = signal.signal(name, self._signalled)
         try:
             yield
@@ -132,13 +136,17 @@ class Guard:
             raise Stop(Cause.JOINT_LIMIT, f"{self._manifest.joints[worst]} at {sensors.angles[worst]:.2f} rad")
 
     def frame(self, frame: Frame, now: float) -> None:
-        """Refuses an old image."""
+        """Refuses an image that is old or none of the policy's camera."""
+        if wrong := unusable(frame, self._manifest.camera):
+            raise Stop(Cause.IMPOSSIBLE_IMAGE, wrong)
         age = now - frame.time
         if age > self.limits.frame_age:
             raise Stop(Cause.STALE_CAMERA, f"{1000 * age:.0f} ms old")
 
     def action(self, targets: np.ndarray) -> None:
-        """Refuses what is not a number."""
+        """Refuses what is not 12 numbers."""
+        if targets.shape != (12,):
+            raise Stop(Cause.POLICY, f"its output has shape {targets.shape}, not (12,)")
         if not np.all(np.isfinite(targets)):
             raise Stop(Cause.NONFINITE_ACTION, "the policy's output is not a number")
 
