@@ -62,6 +62,7 @@ def main(args: Sequence[str]) -> int:
         raise UserError(f"seconds is {options.seconds}; accepted: more than 0, up to 3600")
     if options.log is not None and (options.log.is_dir() or not options.log.parent.is_dir()):
         raise UserError(f"'{options.log}' cannot be written; accepted: a file in a directory that exists")
+    options.limits.check()
     manifest = folder.read(options.policy)
     session = Session(manifest, options.policy)
     robot: MujocoRobot | A1Robot

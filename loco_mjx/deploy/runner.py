@@ -22,6 +22,7 @@ MOVE_GAINS = (80.0, 1.0)  # N·m/rad, N·m·s/rad, for standing up and sitting d
 STAND, HOLD, SIT_DOWN = 2.0, 0.4, 2.0  # s
 DAMPED_GAINS = (15.0, 2.5)  # the first fades to 0 while the robot sinks
 DAMPED, LIMP = 1.6, 0.4  # s
+STILL = 10  # times as many commands as a tick has, after which the robot's clock has to have gone on
 FLUSH = 1.0  # s to wait for the last event to be told
 
 
@@ -184,10 +185,11 @@ class Runner:
 
     def _hold(self, targets: np.ndarray, until: float) -> None:
         """PD commands to the same targets, clamped anew each time, until the next tick."""
-        while True:
+        for _ in range(STILL * self.manifest.pd_hz // self.manifest.policy_hz):
             self._command(targets, self.manifest.kp, self.manifest.kd)
             if self.robot.now() > until - 0.5 / self.manifest.pd_hz:
                 return
+        raise Stop(Cause.CLOCK, "the robot's clock stands still, or goes much too slowly")
 
     def _move(self, to: np.ndarray, seconds: float, hold: float) -> None:
         """Goes to a pose in a straight line, and stays there."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import select
 import signal
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from types import FrameType
 
@@ -15,8 +16,12 @@ import numpy as np
 
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.observer import up
-from loco_mjx.deploy.plausible import impossible, malformed, unusable
+from loco_mjx.deploy.plausible import Unchanged, impossible, malformed, unusable
 from loco_mjx.deploy.robot import Frame, Sensors
+from loco_mjx.errors import UserError
+
+AHEAD = 0.005  # s by which a measurement's clock may be ahead
+FRAMES = 4  # images may stay the same this much longer than other measurements
 
 
 class Cause(StrEnum):
@@ -57,7 +62,9 @@ class Limits:
         saturated: s for which a joint may ask for more than its torque limit without a break.
         sensor_age: s.
         frame_age: s; a camera at 25 Hz or more may lose a few frames.
-        missed: deadlines in a row.
+        missed: deadlines in a row, and ticks by which one may be overdue.
+        frozen: s for which measurements, or an image that shows anything, may stay the same to the last bit; images
+            four times as long.
     """
 
     min_up: float = 0.5
@@ -66,6 +73,20 @@ class Limits:
     sensor_age: float = 0.05
     frame_age: float = 0.25
     missed: int = 5
+    frozen: float = 0.5
+
+    def check(self) -> None:
+        """Refuses limits that would never end a run.
+
+        Raises:
+            UserError: naming the limit and what is accepted.
+        """
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value > 0):
+                raise UserError(f"limits.{field.name} is {value}; accepted: a finite number above 0")
+        if self.min_up >= 1:
+            raise UserError(f"limits.min_up is {self.min_up}; accepted: more than 0, less than 1")
 
 
 class EmergencyStop:
@@ -112,7 +133,10 @@ class Guard:
     """Checks what is measured and clamps what is commanded; its methods raise Stop."""
 
     def __init__(self, manifest: Manifest, limits: Limits) -> None:
+        limits.check()
         self.limits = limits
+        self._now = -math.inf
+        self._joints, self._trunk, self._image = Unchanged(), Unchanged(), Unchanged()
         self._manifest = manifest
         self._saturated = np.zeros(12)  # s
         self._missed = 0
@@ -123,9 +147,11 @@ class Guard:
         """Refuses measurements that are old, impossible, or of a robot that falls or is bent beyond its limits."""
         if wrong := malformed(sensors):
             raise Stop(Cause.NONFINITE_SENSORS, wrong)
+        self._clock(now, sensors.time)
         age = now - sensors.time
         if age > self.limits.sensor_age:
             raise Stop(Cause.STALE_SENSORS, f"{1000 * age:.0f} ms old")
+        self._frozen(sensors)
         if wrong := impossible(sensors, self._manifest.joints):
             raise Stop(Cause.IMPOSSIBLE_SENSORS, wrong)
         if up(sensors.quat) < self.limits.min_up:
@@ -139,9 +165,34 @@ class Guard:
         """Refuses an image that is old or none of the policy's camera."""
         if wrong := unusable(frame, self._manifest.camera):
             raise Stop(Cause.IMPOSSIBLE_IMAGE, wrong)
+        self._clock(now, frame.time)
         age = now - frame.time
         if age > self.limits.frame_age:
             raise Stop(Cause.STALE_CAMERA, f"{1000 * age:.0f} ms old")
+        camera = self._manifest.camera
+        same = self._image.seconds(frame.depth, now)
+        # Where nothing is in sight, all of an image is the far clip, and stays so.
+        shows = camera is None or bool(np.any(frame.depth < camera.far))
+        if shows and same > FRAMES * self.limits.frozen:
+            raise Stop(Cause.STALE_CAMERA, f"the image has not changed for {same:.2f} s")
+
+    def _clock(self, now: float, measured: float) -> None:
+        """Refuses a clock that goes back, and what was measured after now."""
+        if not now >= self._now:
+            raise Stop(Cause.CLOCK, f"the robot's clock went from {self._now:.3f} s to {now:.3f} s")
+        if measured > now + AHEAD:
+            raise Stop(Cause.CLOCK, f"a measurement is from {1000 * (measured - now):.0f} ms in the future")
+        self._now = now
+
+    def _frozen(self, sensors: Sensors) -> None:
+        """Refuses measurements whose time goes on and that stay the same."""
+        parts = {
+            "joints": self._joints.seconds(np.concatenate([sensors.angles, sensors.velocities]), sensors.time),
+            "orientation and rates": self._trunk.seconds(np.concatenate([sensors.quat, sensors.gyro]), sensors.time),
+        }
+        for name, same in parts.items():
+            if same > self.limits.frozen:
+                raise Stop(Cause.STALE_SENSORS, f"the {name} have not changed for {same:.2f} s")
 
     def action(self, targets: np.ndarray) -> None:
         """Refuses what is not 12 numbers."""
