@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -24,6 +25,7 @@ from loco_mjx.errors import UserError
 
 PROG = "loco-mjx deploy"
 STOPPED = 1  # exit code of a run that ended before its time
+PATIENCE = 1.0  # s a simulated robot's tick may take on a busy machine
 
 
 @dataclass(frozen=True)
@@ -60,22 +62,25 @@ def main(args: Sequence[str]) -> int:
         raise UserError(f"seconds is {options.seconds}; accepted: more than 0, up to 3600")
     if options.log is not None and (options.log.is_dir() or not options.log.parent.is_dir()):
         raise UserError(f"'{options.log}' cannot be written; accepted: a file in a directory that exists")
+    options.limits.check()
     manifest = folder.read(options.policy)
     session = Session(manifest, options.policy)
     robot: MujocoRobot | A1Robot
     if options.robot == "a1":
         check_readable(manifest, position_known=False)
-        robot, clock = A1Robot(manifest.camera), time.perf_counter
+        robot, clock, patience = A1Robot(manifest.camera), time.perf_counter, 0.0
     else:
         # Simulated time stands still while the policy thinks: its own processor time counts, not who else uses it.
-        robot, clock = simulated(options, manifest), time.thread_time
+        robot, clock, patience = simulated(options, manifest), time.thread_time, PATIENCE
     try:
-        record = Runner(manifest, session, robot, options.limits, clock=clock, say=say).run(options.seconds)
+        runner = Runner(manifest, session, robot, options.limits, clock=clock, say=say, patience=patience)
+        record = runner.run(options.seconds)
     finally:
         robot.close()
     if options.log is not None:
         record.save(options.log)
-    report(record)
+    with contextlib.suppress(OSError, ValueError):  # a terminal that is gone
+        report(record)
     return STOPPED if record.cause is not None else 0
 
 

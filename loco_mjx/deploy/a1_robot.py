@@ -14,6 +14,7 @@ import numpy as np
 
 from loco_mjx import a1
 from loco_mjx.deploy.folder import Camera
+from loco_mjx.deploy.lock import Lock
 from loco_mjx.deploy.realsense import RealSense
 from loco_mjx.deploy.robot import Frame, RobotError, Sensors
 from loco_mjx.errors import UserError
@@ -38,7 +39,8 @@ class A1Robot:
             camera: of the policy; None opens no camera.
 
         Raises:
-            UserError: if the SDK or pyrealsense2 is missing, or robot or camera do not answer.
+            UserError: if the SDK or pyrealsense2 is missing, another runner has the robot, or robot or camera do not
+                answer.
         """
         try:
             self._sdk: Any = importlib.import_module("robot_interface")
@@ -47,6 +49,7 @@ class A1Robot:
                 f"--robot a1 needs Unitree's robot_interface ({error}); build unitree_legged_sdk with its Python "
                 "binding and put it on PYTHONPATH"
             ) from error
+        self._lock = Lock(f"a1-{ADDRESS[1]}")
         self._udp = self._sdk.UDP(LOW_LEVEL, *ADDRESS)
         self._safety = self._sdk.Safety(self._sdk.LeggedType.A1)
         self._command, self._state = self._sdk.LowCmd(), self._sdk.LowState()
@@ -116,6 +119,7 @@ class A1Robot:
         self._idle()
         if self._camera is not None:
             self._camera.close()
+        self._lock.release()
 
     def _connect(self) -> None:
         end = self.now() + CONNECT

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Mapping
 
@@ -12,6 +13,7 @@ from loco_mjx.deploy.observer import Observer, check_readable, up
 from loco_mjx.deploy.record import Record
 from loco_mjx.deploy.robot import Frame, Robot, RobotError, Sensors
 from loco_mjx.deploy.safety import Cause, EmergencyStop, Guard, Limits, Stop
+from loco_mjx.deploy.worker import Overdue, Worker
 from loco_mjx.errors import UserError
 
 Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
@@ -20,6 +22,8 @@ MOVE_GAINS = (80.0, 1.0)  # N·m/rad, N·m·s/rad, for standing up and sitting d
 STAND, HOLD, SIT_DOWN = 2.0, 0.4, 2.0  # s
 DAMPED_GAINS = (15.0, 2.5)  # the first fades to 0 while the robot sinks
 DAMPED, LIMP = 1.6, 0.4  # s
+STILL = 10  # times as many commands as a tick has, after which the robot's clock has to have gone on
+FLUSH = 1.0  # s to wait for the last event to be told
 
 
 class Runner:
@@ -34,6 +38,7 @@ class Runner:
         estop: EmergencyStop | None = None,
         clock: Callable[[], float] = time.perf_counter,
         say: Callable[[float, str], None] = lambda when, text: None,
+        patience: float = 0.0,
     ) -> None:
         """Prepares a run; the robot is not touched.
 
@@ -45,6 +50,7 @@ class Runner:
             estop: whoever may press it.
             clock: for the ticks' latency, s.
             say: told about every event as it happens, with the robot's time, s.
+            patience: s that a tick may at least take on the wall's clock before the robot is sat down without it.
         """
         self.manifest, self.policy, self.robot = manifest, policy, robot
         self.guard = Guard(manifest, limits or Limits())
@@ -53,6 +59,9 @@ class Runner:
         self._clock, self._say = clock, say
         self._observer = Observer(manifest)
         self._commanded: np.ndarray | None = None
+        period = 1 / manifest.policy_hz
+        self._patience = max((1 + self.guard.limits.missed) * period, patience)
+        self._worker, self._voice = Worker("policy"), Worker("events")
 
     def check(self) -> None:
         """Everything that can be known before the first command.
@@ -69,15 +78,7 @@ class Runner:
         except (RobotError, Stop) as error:
             raise UserError(f"the robot is not ready ({error}); it was not commanded") from error
         check_readable(self.manifest, sensors.position is not None)
-        self._check_frame(frame)
         self._check_policy(sensors, frame)
-
-    def _check_frame(self, frame: Frame | None) -> None:
-        camera = self.manifest.camera
-        if frame is not None and camera is not None and frame.depth.shape != (camera.height, camera.width):
-            raise UserError(
-                f"the camera gives {frame.depth.shape} images, the policy reads {camera.height, camera.width}"
-            )
 
     def _check_policy(self, sensors: Sensors, frame: Frame | None) -> None:
         """One tick that is thrown away; it also warms up the runtime."""
@@ -104,19 +105,24 @@ class Runner:
                 self._event("sitting down")
                 self._move(SIT, SIT_DOWN, 0.0)
             except Stop as stop:
-                self.record.cause, self.record.detail = str(stop.cause), stop.detail
-                self._event(str(stop))
-                self._sink()
-            except RobotError as error:
-                self.record.cause, self.record.detail = str(Cause.ROBOT), str(error)
-                self._event(f"{Cause.ROBOT}: {error}")
-                self._sink()
-            except BaseException:  # a bug, here or in the runtime: the robot does not pay for it
+                self._fault(stop.cause, stop.detail)
+            except (RobotError, OSError) as error:
+                self._fault(Cause.ROBOT, str(error))
+            except Exception as error:  # a bug: the robot does not pay for it, and the record is kept
+                self._fault(Cause.FAILURE, f"{type(error).__name__}: {error}")
+            except BaseException:
                 self._sink()
                 raise
         self.record.misses, self.record.clamped = self.guard.misses, self.guard.clamped
         self._event("done")
+        self._flush()
         return self.record
+
+    def _fault(self, cause: Cause, detail: str) -> None:
+        """Keeps why the run ends, and sits down."""
+        self.record.cause, self.record.detail = str(cause), detail
+        self._event(f"{cause}: {detail}")
+        self._sink()
 
     def _run_policy(self, seconds: float) -> None:
         period = 1 / self.manifest.policy_hz
@@ -134,17 +140,33 @@ class Runner:
         """Measures and decides: the policy's targets as they came, not clamped, for they are its next input."""
         begin = self._clock()
         sensors = self._measure()
-        frame = None
-        if self.manifest.camera is not None:
-            frame = self.robot.depth()
-            self.guard.frame(frame, self.robot.now())
-        obs = self._observer.observe(sensors, frame, before)
-        targets = np.asarray(self.policy(obs), np.float64)
-        latency = self._clock() - begin
+        sensed = self._clock() - begin
+        try:
+            frame, obs, targets, took = self._worker.call(
+                lambda: self._decide(sensors, before), self._patience, self.estop.poll
+            )
+        except Overdue:
+            raise Stop(Cause.DEADLINE, f"a tick has not ended after {1000 * self._patience:.0f} ms") from None
+        latency = sensed + took
         self._keep(sensors, frame, obs, targets, latency)
         self.guard.action(targets)
         self.guard.deadline(latency, period)
         return sensors, targets
+
+    def _decide(
+        self, sensors: Sensors, before: np.ndarray
+    ) -> tuple[Frame | None, dict[str, np.ndarray], np.ndarray, float]:
+        """Image, observation, targets and the time they took, s; runs in the worker's thread, which may hang."""
+        begin, frame = self._clock(), None
+        if self.manifest.camera is not None:
+            frame = self.robot.depth()
+            self.guard.frame(frame, self.robot.now())
+        obs = self._observer.observe(sensors, frame, before)
+        try:
+            targets = np.asarray(self.policy(obs), np.float64)
+        except Exception as error:  # a runtime's errors have no common base
+            raise Stop(Cause.POLICY, f"{type(error).__name__}: {error}") from error
+        return frame, obs, targets, self._clock() - begin
 
     def _keep(
         self, sensors: Sensors, frame: Frame | None, obs: dict[str, np.ndarray], targets: np.ndarray, latency: float
@@ -163,10 +185,11 @@ class Runner:
 
     def _hold(self, targets: np.ndarray, until: float) -> None:
         """PD commands to the same targets, clamped anew each time, until the next tick."""
-        while True:
+        for _ in range(STILL * self.manifest.pd_hz // self.manifest.policy_hz):
             self._command(targets, self.manifest.kp, self.manifest.kd)
             if self.robot.now() > until - 0.5 / self.manifest.pd_hz:
                 return
+        raise Stop(Cause.CLOCK, "the robot's clock stands still, or goes much too slowly")
 
     def _move(self, to: np.ndarray, seconds: float, hold: float) -> None:
         """Goes to a pose in a straight line, and stays there."""
@@ -198,12 +221,20 @@ class Runner:
         steps, limp = (round(seconds * self.manifest.pd_hz) for seconds in (DAMPED, LIMP))
         for step in range(1, steps + limp + 1):
             part = min(step / steps, 1.0)
+            targets = np.clip((1 - part) * start + part * SIT, self.manifest.lower, self.manifest.upper)
             try:
-                self.robot.command((1 - part) * start + part * SIT, kp * (1 - part), kd)
-            except RobotError:
-                continue  # it may answer the next one
+                self.robot.command(targets, kp * (1 - part), kd)
+            except Exception:  # whatever it is, the robot may take the next one
+                time.sleep(1 / self.manifest.pd_hz)
 
     def _event(self, text: str) -> None:
+        """Keeps an event, and tells of it in another thread: a terminal that is gone or stuck stops nothing."""
         when = self.robot.now()
         self.record.events.append((when, text))
-        self._say(when, text)
+        self._voice.post(lambda: self._say(when, text))
+
+    def _flush(self) -> None:
+        with contextlib.suppress(Overdue):
+            self._voice.call(lambda: None, FLUSH)
+        self._voice.close()
+        self._worker.close()

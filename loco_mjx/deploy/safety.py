@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import select
 import signal
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from types import FrameType
 
@@ -15,7 +16,12 @@ import numpy as np
 
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.observer import up
+from loco_mjx.deploy.plausible import Unchanged, impossible, malformed, unusable
 from loco_mjx.deploy.robot import Frame, Sensors
+from loco_mjx.errors import UserError
+
+AHEAD = 0.005  # s by which a measurement's clock may be ahead
+FRAMES = 4  # images may stay the same this much longer than other measurements
 
 
 class Cause(StrEnum):
@@ -26,9 +32,14 @@ class Cause(StrEnum):
     TILT = "tilt"
     STALE_SENSORS = "stale sensors"
     STALE_CAMERA = "stale camera"
+    IMPOSSIBLE_IMAGE = "impossible image"
     NONFINITE_SENSORS = "non-finite sensors"
+    IMPOSSIBLE_SENSORS = "impossible sensors"
     NONFINITE_ACTION = "non-finite action"
     DEADLINE = "missed deadlines"
+    CLOCK = "clock"
+    POLICY = "policy failed"
+    FAILURE = "software failure"
     ESTOP = "emergency stop"
     ROBOT = "robot does not answer"
 
@@ -51,7 +62,9 @@ class Limits:
         saturated: s for which a joint may ask for more than its torque limit without a break.
         sensor_age: s.
         frame_age: s; a camera at 25 Hz or more may lose a few frames.
-        missed: deadlines in a row.
+        missed: deadlines in a row, and ticks by which one may be overdue.
+        frozen: s for which measurements, or an image that shows anything, may stay the same to the last bit; images
+            four times as long.
     """
 
     min_up: float = 0.5
@@ -60,10 +73,24 @@ class Limits:
     sensor_age: float = 0.05
     frame_age: float = 0.25
     missed: int = 5
+    frozen: float = 0.5
+
+    def check(self) -> None:
+        """Refuses limits that would never end a run.
+
+        Raises:
+            UserError: naming the limit and what is accepted.
+        """
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value > 0):
+                raise UserError(f"limits.{field.name} is {value}; accepted: a finite number above 0")
+        if self.min_up >= 1:
+            raise UserError(f"limits.min_up is {self.min_up}; accepted: more than 0, less than 1")
 
 
 class EmergencyStop:
-    """Set by a signal (Ctrl-C, SIGTERM, SIGUSR1) or by Enter on a terminal; once set it stays."""
+    """Set by a signal (Ctrl-C, SIGTERM, SIGHUP, SIGUSR1) or by Enter on a terminal; once set it stays."""
 
     def __init__(self) -> None:
         self.by: str | None = None
@@ -80,7 +107,7 @@ class EmergencyStop:
         """Listens to signals; outside of the main thread Python does not allow it and only the key is left."""
         before: dict[int, object] = {}
         with contextlib.suppress(ValueError):
-            for name in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+            for name in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
                 before[name] = signal.signal(name, self._signalled)
         try:
             yield
@@ -106,7 +133,10 @@ class Guard:
     """Checks what is measured and clamps what is commanded; its methods raise Stop."""
 
     def __init__(self, manifest: Manifest, limits: Limits) -> None:
+        limits.check()
         self.limits = limits
+        self._now = -math.inf
+        self._joints, self._trunk, self._image = Unchanged(), Unchanged(), Unchanged()
         self._manifest = manifest
         self._saturated = np.zeros(12)  # s
         self._missed = 0
@@ -114,13 +144,16 @@ class Guard:
         self.clamped = 0  # commands that were changed
 
     def sensors(self, sensors: Sensors, now: float) -> None:
-        """Refuses measurements that are old, not finite, or of a robot that falls or is bent beyond its limits."""
-        values = np.concatenate([sensors.angles, sensors.velocities, sensors.quat, sensors.gyro])
-        if not np.all(np.isfinite(values)) or np.linalg.norm(sensors.quat) < 1e-6:
-            raise Stop(Cause.NONFINITE_SENSORS, "a measurement is not a number")
+        """Refuses measurements that are old, impossible, or of a robot that falls or is bent beyond its limits."""
+        if wrong := malformed(sensors):
+            raise Stop(Cause.NONFINITE_SENSORS, wrong)
+        self._clock(now, sensors.time)
         age = now - sensors.time
         if age > self.limits.sensor_age:
             raise Stop(Cause.STALE_SENSORS, f"{1000 * age:.0f} ms old")
+        self._frozen(sensors)
+        if wrong := impossible(sensors, self._manifest.joints):
+            raise Stop(Cause.IMPOSSIBLE_SENSORS, wrong)
         if up(sensors.quat) < self.limits.min_up:
             raise Stop(Cause.TILT, f"{np.degrees(np.arccos(np.clip(up(sensors.quat), -1, 1))):.0f}° from upright")
         beyond = np.maximum(self._manifest.lower - sensors.angles, sensors.angles - self._manifest.upper)
@@ -129,13 +162,42 @@ class Guard:
             raise Stop(Cause.JOINT_LIMIT, f"{self._manifest.joints[worst]} at {sensors.angles[worst]:.2f} rad")
 
     def frame(self, frame: Frame, now: float) -> None:
-        """Refuses an old image."""
+        """Refuses an image that is old or none of the policy's camera."""
+        if wrong := unusable(frame, self._manifest.camera):
+            raise Stop(Cause.IMPOSSIBLE_IMAGE, wrong)
+        self._clock(now, frame.time)
         age = now - frame.time
         if age > self.limits.frame_age:
             raise Stop(Cause.STALE_CAMERA, f"{1000 * age:.0f} ms old")
+        camera = self._manifest.camera
+        same = self._image.seconds(frame.depth, now)
+        # Where nothing is in sight, all of an image is the far clip, and stays so.
+        shows = camera is None or bool(np.any(frame.depth < camera.far))
+        if shows and same > FRAMES * self.limits.frozen:
+            raise Stop(Cause.STALE_CAMERA, f"the image has not changed for {same:.2f} s")
+
+    def _clock(self, now: float, measured: float) -> None:
+        """Refuses a clock that goes back, and what was measured after now."""
+        if not now >= self._now:
+            raise Stop(Cause.CLOCK, f"the robot's clock went from {self._now:.3f} s to {now:.3f} s")
+        if measured > now + AHEAD:
+            raise Stop(Cause.CLOCK, f"a measurement is from {1000 * (measured - now):.0f} ms in the future")
+        self._now = now
+
+    def _frozen(self, sensors: Sensors) -> None:
+        """Refuses measurements whose time goes on and that stay the same."""
+        parts = {
+            "joints": self._joints.seconds(np.concatenate([sensors.angles, sensors.velocities]), sensors.time),
+            "orientation and rates": self._trunk.seconds(np.concatenate([sensors.quat, sensors.gyro]), sensors.time),
+        }
+        for name, same in parts.items():
+            if same > self.limits.frozen:
+                raise Stop(Cause.STALE_SENSORS, f"the {name} have not changed for {same:.2f} s")
 
     def action(self, targets: np.ndarray) -> None:
-        """Refuses what is not a number."""
+        """Refuses what is not 12 numbers."""
+        if targets.shape != (12,):
+            raise Stop(Cause.POLICY, f"its output has shape {targets.shape}, not (12,)")
         if not np.all(np.isfinite(targets)):
             raise Stop(Cause.NONFINITE_ACTION, "the policy's output is not a number")
 
@@ -148,7 +210,10 @@ class Guard:
             raise Stop(Cause.DEADLINE, f"{self._missed} in a row, the last by {1000 * (latency - period):.0f} ms")
 
     def clamp(self, targets: np.ndarray, sensors: Sensors, kp: float, kd: float) -> np.ndarray:
-        """(12,) targets within the joints' limits, and such that the PD law asks for no more than the torque limit."""
+        """(12,) targets such that the PD law asks for no more than the torque limit, and within the joints' limits.
+
+        The joints' limits come last: whatever is measured, no command is beyond them.
+        """
         m = self._manifest
         within = np.clip(targets, m.lower, m.upper)
         torque = kp * (within - sensors.angles) - kd * sensors.velocities
@@ -158,6 +223,7 @@ class Guard:
         if self._saturated[worst] > self.limits.saturated:
             raise Stop(Cause.TORQUE, f"{m.joints[worst]} asks for {torque[worst]:.0f} N·m")
         allowed = np.clip(torque, -m.torque_limit, m.torque_limit)
-        safe = np.where(over, sensors.angles + (allowed + kd * sensors.velocities) / kp, within)
+        bounded = np.where(over, sensors.angles + (allowed + kd * sensors.velocities) / kp, within)
+        safe = np.clip(bounded, m.lower, m.upper)
         self.clamped += int(np.any(safe != targets))
         return safe

@@ -1,12 +1,14 @@
 """export and deploy: mistakes are one line and exit code 2."""
 
 import contextlib
+import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from loco_mjx.cli.main import main
@@ -61,11 +63,11 @@ SCENE_SECONDS = 3600  # of simulated time: far longer than any test waits
 
 
 @contextlib.contextmanager
-def running(policy, tmp_path, stdin=subprocess.DEVNULL):
+def running(policy, tmp_path, stdin=subprocess.DEVNULL, more=()):
     """A deploy process whose policy has begun to run."""
     (tmp_path / "scene.xml").write_text(flat._xml())
     words = ["deploy", str(policy), "--scene", str(tmp_path / "scene.xml"), "--seconds", str(SCENE_SECONDS)]
-    command = [sys.executable, "-m", "loco_mjx.cli.main", *words, "--limits.missed", "9999"]
+    command = [sys.executable, "-m", "loco_mjx.cli.main", *words, "--limits.missed", "9999", *more]
     process = subprocess.Popen(command, stdin=stdin, stdout=subprocess.PIPE, text=True)
     try:
         for line in process.stdout:
@@ -138,3 +140,14 @@ def test_no_robot_is_commanded_by_a_broken_folder(policy, tmp_path, capsys, monk
         flat.write(policy)
     assert main([*words, "--limits.missed", "9999"]) == 0
     assert Recording.commands > 100
+
+
+def test_a_hang_up_with_nobody_reading_is_an_emergency_stop(policy, tmp_path):
+    log = ["--log", str(tmp_path / "run.npz")]
+    with running(policy, tmp_path, more=log) as process:
+        process.stdout.close()
+        process.send_signal(signal.SIGHUP)
+        process.wait(timeout=60)
+    about = json.loads(str(np.load(tmp_path / "run.npz")["about"]))
+    assert (about["cause"], about["detail"]) == ("emergency stop", "SIGHUP")
+    assert about["events"][-1][1] == "done"

@@ -6,6 +6,7 @@ to it. That a robot does with these packets what it should is beyond any test he
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import time
 from types import ModuleType, SimpleNamespace
@@ -58,7 +59,8 @@ def _motors():
 
 
 @pytest.fixture
-def sdk(monkeypatch):
+def sdk(monkeypatch, tmp_path):
+    monkeypatch.setattr("loco_mjx.deploy.lock.FOLDER", tmp_path)
     module = ModuleType("robot_interface")
     module.limited = 0
 
@@ -154,3 +156,27 @@ def test_without_the_sdk(monkeypatch):
     monkeypatch.setitem(sys.modules, "robot_interface", None)
     with pytest.raises(UserError, match="unitree_legged_sdk"):
         A1Robot(None)
+
+
+HOLDER = """
+import sys, time
+from pathlib import Path
+from loco_mjx.deploy import lock
+lock.FOLDER = Path(sys.argv[1])
+held = lock.Lock("a1-192.168.123.10")
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_second_runner_is_refused_until_the_first_is_dead(sdk, tmp_path):
+    Udp.last = None
+    words = [sys.executable, "-c", HOLDER, str(tmp_path)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as first:
+        assert first.stdout.readline() == "held\n"
+        with pytest.raises(UserError, match="another runner has the robot"):
+            A1Robot(None)
+        assert Udp.last is None  # its motors did not go limp
+        first.kill()
+    A1Robot(None).close()
+    A1Robot(None).close()

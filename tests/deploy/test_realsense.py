@@ -149,7 +149,7 @@ def test_a_frame_carries_the_time_of_its_exposure(camera, device):
 
 def test_a_camera_that_stops_is_noticed(camera, device):
     newest(camera, device, np.full((HEIGHT, WIDTH), 2000, np.uint16))
-    guard = Guard(flat.manifest(), Limits())
+    guard = Guard(replace(flat.manifest(), camera=CAMERA), Limits())
     guard.frame(camera.depth(), time.monotonic())
     time.sleep(Limits().frame_age + 0.05)
     with pytest.raises(Stop) as stop:

@@ -93,11 +93,11 @@ def test_an_action_that_is_no_number():
     assert all(np.all(np.isfinite(targets)) for targets, _, _ in robot.commands)
 
 
-def test_a_bug_in_the_policy_is_raised_when_the_robot_lies():
+def test_an_exception_of_the_policy_is_a_fault():
     robot = Faulty()
-    with pytest.raises(ZeroDivisionError):
-        flat.runner(robot, lambda obs: 1 / 0 if robot.broken else flat.still(obs)).run(1.0)
-    assert lies(robot) and robot.commands[-1][1] == 0.0
+    record = stopped(robot, Cause.POLICY, policy=lambda obs: 1 / 0 if robot.broken else flat.still(obs))
+    assert record.detail == "ZeroDivisionError: division by zero"
+    assert lies(robot)
 
 
 def test_missed_deadlines():
@@ -122,7 +122,7 @@ def test_torque_asked_for_too_long():
     assert record.clamped >= 8
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGUSR1])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGUSR1])
 def test_emergency_stop_by_signal(number):
     sent = []
     robot = Faulty(before=lambda robot: sent or (sent.append(1), os.kill(os.getpid(), number)))

@@ -1,0 +1,91 @@
+"""Clocks that jump, measurements that stand still, and limits that would never end a run."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loco_mjx.cli.main import main
+from loco_mjx.deploy.safety import Cause, Limits
+from loco_mjx.errors import UserError
+from tests.deploy import flat
+from tests.deploy.test_safety import FAULT, Faulty, lies, stopped
+
+
+class Clock(Faulty):
+    """Its clock is changed from FAULT on."""
+
+    def __init__(self, change):
+        self.change = change
+        super().__init__()
+
+    def now(self):
+        true = super().now()
+        return self.change(true) if true > FAULT else true
+
+
+JUMPS = {"back": lambda t: t - 1.0, "no number": lambda t: math.nan, "still": lambda t: FAULT}
+
+
+@pytest.mark.parametrize("name", JUMPS)
+def test_clocks(name):
+    robot = Clock(JUMPS[name])
+    record = flat.runner(robot).run(1.0)
+    assert record.cause == Cause.CLOCK and lies(robot)
+    assert robot.commands[-1][1] == 0.0
+
+
+def test_measurements_of_the_future():
+    stopped(Faulty(sensors=lambda s: replace(s, time=s.time + 1.0)), Cause.CLOCK)
+    stopped(Faulty(frame=lambda f: replace(f, time=f.time + 1.0)), Cause.CLOCK)
+
+
+def test_an_image_without_a_time():
+    stopped(Faulty(frame=lambda f: replace(f, time=np.nan)), Cause.IMPOSSIBLE_IMAGE)
+
+
+@pytest.mark.parametrize(
+    "names", [("angles", "velocities"), ("quat", "gyro"), ("angles", "velocities", "quat", "gyro")]
+)
+def test_measurements_that_stand_still(names):
+    kept = []
+
+    def freeze(sensors):
+        kept.append(sensors)
+        return replace(sensors, **{name: getattr(kept[0], name) for name in names})
+
+    robot = Faulty(sensors=freeze)
+    record = stopped(robot, Cause.STALE_SENSORS, limits=Limits(frozen=0.2))
+    assert "not changed" in record.detail and lies(robot)
+
+
+def test_images_that_stand_still():
+    kept = []
+
+    def freeze(frame):
+        kept.append(frame)
+        return replace(frame, depth=kept[0].depth)
+
+    record = stopped(Faulty(frame=freeze), Cause.STALE_CAMERA, limits=Limits(frozen=0.1))
+    assert "not changed" in record.detail
+
+
+def test_nothing_in_sight_may_stay_so():
+    robot = Faulty(frame=lambda frame: replace(frame, depth=np.full((8, 8), 10.0)))
+    assert flat.runner(robot, limits=Limits(frozen=0.1)).run(1.5).cause is None
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0])
+@pytest.mark.parametrize("name", ["min_up", "joint_margin", "saturated", "sensor_age", "frame_age", "frozen"])
+def test_limits_that_are_none(name, value, capsys):
+    with pytest.raises(UserError, match=rf"limits\.{name} is"):
+        flat.runner(Faulty(), limits=Limits(**{name: value}))
+    assert main(["deploy", "policy", f"--limits.{name.replace('_', '-')}", str(value)]) == 2
+    shown = capsys.readouterr()
+    assert f"limits.{name} is" in shown.err and len(shown.err.splitlines()) == 1
+
+
+def test_an_upright_that_cannot_be():
+    with pytest.raises(UserError, match="less than 1"):
+        flat.runner(Faulty(), limits=Limits(min_up=1.0))
