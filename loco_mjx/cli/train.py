@@ -26,6 +26,7 @@ PROG = "loco-mjx train"
 PRESET = "fast"
 # Samples per second and core on a CPU, with and without depth, as measured on two cores; for the default budget only.
 CPU_RATE = {True: 400.0, False: 4000.0}
+CPU_TEACHER_RATE = 2300.0  # likewise, of method `distill`'s teacher
 CPU_MINUTES = 20
 KEYS = ("env", "network", "ppo", "distill")  # of the configuration; every key in them is an option
 SHORT_FORMS = {"task": "env.task", "num_envs": "ppo.num_envs", "total_steps": "ppo.total_steps"}
@@ -230,7 +231,10 @@ def default_total(config: Config, seeds: int = 1) -> int:
     full = config.ppo.total_steps
     if not machine.on_cpu():
         return full
-    rate = CPU_RATE[config.env.observation.depth.enabled] * machine.cores() / seeds
+    seconds = 1 / CPU_RATE[config.env.observation.depth.enabled]  # of one core for a sample
+    if config.method == "distill":
+        seconds += config.distill.teacher_ratio / CPU_TEACHER_RATE
+    rate = machine.cores() / seeds / seconds
     budget = min(full, max(round(rate * 60 * CPU_MINUTES, -5), 100_000))
     each = "" if seeds == 1 else " of each seed"
     print(
