@@ -179,10 +179,10 @@ class PPOConfig:
 
 @dataclass(frozen=True)
 class DistillConfig:
-    """Method `distill`: a privileged teacher learns by PPO; the policy imitates it (DAgger), then goes on by PPO."""
+    """Method `distill`: a privileged teacher learns by PPO; the policy imitates it (DAgger), and may go on by PPO."""
 
     teacher_ratio: float = 4.0  # samples of the teacher for each of the policy
-    imitation: float = 0.7  # share of the policy's samples in which it imitates; PPO in the rest
+    imitation: float = 1.0  # share of the policy's samples in which it imitates; PPO in the rest
     std: float = 0.3  # of the policy's exploration while it imitates, and where PPO begins
     learning_rate: float = 1e-3  # while it imitates
     minibatch: int = 512

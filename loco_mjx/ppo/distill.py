@@ -86,8 +86,13 @@ class DistillTrainer(Trainer):
         return round(self.config.distill.imitation * self.config.ppo.iterations)
 
     def _iterate(self, state: TrainState, pool: Any) -> tuple[TrainState, Metrics]:
-        program = self._imitate if int(state.iteration) < self.imitations else self._improve
-        return program(state, pool)
+        iteration = int(state.iteration)
+        if iteration < self.imitations:
+            return self._imitate(state, pool)
+        if iteration == self.imitations:
+            # Adam begins anew: divided by what imitation's small gradients left, PPO's first steps would be huge.
+            state = dataclasses.replace(state, opt_state=jax.tree.map(jp.zeros_like, state.opt_state))
+        return self._improve(state, pool)
 
     def start(self, key: jax.Array, pool: Any, axis_name: str | None = None) -> TrainState:
         """The state before the first iteration, as Trainer's but for what the teacher gives."""

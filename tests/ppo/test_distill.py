@@ -113,6 +113,15 @@ def test_then_ppo_goes_on(run):
     assert int(states[-1].iteration) == ITERATIONS
 
 
+def test_adam_begins_anew_with_ppo(run):
+    """Its second moments of imitation's gradients, a thousand times smaller, would make the first steps huge."""
+    trainer, _, _, states, _ = run
+    ppo = trainer.config.ppo
+    updates = ppo.epochs * ppo.samples_per_iteration // ppo.minibatch
+    counts = [leaf for leaf in jax.tree.leaves(states[IMITATIONS + 1].opt_state) if leaf.dtype == jp.int32]
+    assert [int(count) for count in counts] == [updates] * 2  # the policy's and the value's
+
+
 def test_what_a_run_of_this_method_is_made_of():
     config = config_lib.with_method(Config(method="distill"))
     assert config.env.observation.privileged and config.network.critic == "privileged"
