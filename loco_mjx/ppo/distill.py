@@ -90,7 +90,7 @@ class DistillTrainer(Trainer):
         if iteration < self.imitations:
             return self._imitate(state, pool)
         if iteration == self.imitations:
-            # Adam begins anew: divided by what imitation's small gradients left, PPO's first steps would be huge.
+            # Adam begins anew: its moments are of the gradients of another loss.
             state = dataclasses.replace(state, opt_state=jax.tree.map(jp.zeros_like, state.opt_state))
         return self._improve(state, pool)
 

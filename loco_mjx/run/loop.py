@@ -228,7 +228,8 @@ class _Loop:
                 self.reporter.say(f"{record.problem}; the other seeds go on")
         if all(record.problem for record in self.records):
             self._tell_of_problems()
-        skipped = sum(row.get("skipped_updates", 0.0) for row in rows)
+        going = [row for record, row in zip(self.records, rows, strict=True) if record.problem is None]
+        skipped = sum(row.get("skipped_updates", 0.0) for row in going)
         if skipped:
             self.reporter.say(f"{skipped:.0f} updates were skipped after {samples:,} samples: no finite gradient")
         broken = sum(row.get("nonfinite", 0.0) for row in rows)

@@ -114,7 +114,7 @@ def test_then_ppo_goes_on(run):
 
 
 def test_adam_begins_anew_with_ppo(run):
-    """Its second moments of imitation's gradients, a thousand times smaller, would make the first steps huge."""
+    """Its moments after imitation are of the gradients of another loss."""
     trainer, _, _, states, _ = run
     ppo = trainer.config.ppo
     updates = ppo.epochs * ppo.samples_per_iteration // ppo.minibatch

@@ -125,7 +125,7 @@ def test_a_diverged_run_does_not_overwrite_its_last_good_checkpoint(tmp_path, tr
 
 @pytest.mark.parametrize(
     ("rate", "what"),
-    [(float("inf"), "numbers of the parameters are NaN"), (1e30, "all 4 updates of an iteration were skipped|NaN")],
+    [(float("inf"), "numbers of the parameters are NaN"), (1e30, "all 4 updates of an iteration were skipped")],
 )
 def test_what_diverges_without_a_loss_that_shows_it_stops_too(tmp_path, reporter, rate, what):
     """Updates whose gradient is no number are skipped, and leave no loss behind."""
