@@ -15,12 +15,12 @@ from flax import traverse_util
 
 from loco_mjx import a1
 from loco_mjx.config import ObservationConfig, to_dict
-from loco_mjx.deploy import folder, graph
+from loco_mjx.deploy import folder, graph, trained
 from loco_mjx.deploy.folder import DEPTH, STATE
 from loco_mjx.depth import encoding
 from loco_mjx.env import observation as obs_lib
 from loco_mjx.errors import UserError
-from loco_mjx.evaluation.policy import TrainedPolicy, load_policy, observation_shapes
+from loco_mjx.evaluation.policy import TrainedPolicy, observation_shapes
 from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
 from loco_mjx.networks.policies import STATE as STATE_KEY
 from loco_mjx.ppo import normalizer as normalizer_lib
@@ -44,7 +44,7 @@ def export(run: Path, out: Path) -> dict[str, Any]:
     """Writes the newest policy of a run.
 
     Args:
-        run: the run's directory.
+        run: the run's directory, or the folder of a policy that was exported.
         out: folder to write; made if it does not exist.
 
     Returns:
@@ -55,7 +55,7 @@ def export(run: Path, out: Path) -> dict[str, Any]:
     """
     _check_out(out)
     _check_onnx_installed()
-    return write(load_policy(run), out, latest_evaluation(run))
+    return write(trained.load(run), out, latest_evaluation(run))
 
 
 def write(policy: TrainedPolicy, out: Path, evaluation: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -216,7 +216,9 @@ def _fields(config: ObservationConfig) -> list[dict[str, Any]]:
 
 
 def latest_evaluation(run: Path) -> dict[str, Any] | None:
-    """The metrics of a run's newest evaluation; None if it has none."""
+    """The metrics of a run's newest evaluation, or those that an exported policy came with; None if there are none."""
+    if trained.is_exported(run):
+        return folder.read(run).raw["training"]["evaluation"]
     files = sorted((run / "evaluation").glob("*.json"), key=lambda path: path.stat().st_mtime)
     if not files:
         return None

@@ -148,7 +148,7 @@ def test_a_foot_stands_on_the_two_edges_of_a_gap_as_in_c():
 
 
 def test_a_foot_squeezed_by_two_blocks_feels_both_as_in_c():
-    """A sphere of 4 cm in a slot of 3.8 cm, shoved forward; with one slot for obstacles one side would let it through."""
+    """A sphere of 4 cm between blocks 3.8 cm apart, shoved forward; with one slot one of them would let it through."""
     middle = 0.183  # x of the front feet
     full = scene([{"center": (middle + side * 0.069, 0.0, 0.015), "half": (0.05, 0.5, 0.015)} for side in (-1, 1)])
     targets, shove = world.still(10), 0.4 * np.eye(18)[0]
