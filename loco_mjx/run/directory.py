@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from loco_mjx.config import Config, from_dict, to_dict
-from loco_mjx.errors import UserError
+from loco_mjx.errors import UserError, unwritable
 
 CONFIG, INFO, LOCK, PARTIAL = "config.json", "info.json", "lock", ".partial"
 EXTENDABLE = "ppo.total_steps"
@@ -63,7 +63,7 @@ def _writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise UserError(f"cannot write {path}: {error.strerror or error}; choose a writable directory") from error
+        raise unwritable(path, error, "choose a writable directory") from error
 
 
 def load_config(directory: Path) -> Config:
