@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
 from loco_mjx.cli.output import one_object
 from loco_mjx.cli.parse import parse
+from loco_mjx.config.tree import NumEnvs
 from loco_mjx.errors import UserError
+from loco_mjx.ranges import Range
 
 PROG = "loco-mjx bench"
 NUM_ENVS = 256
@@ -29,11 +31,11 @@ class Options:
     """In which task's scenes."""
     policy: str = "loco-transformer"
     """For train, and for env, where it decides whether depth is rendered."""
-    num_envs: int | None = None
+    num_envs: NumEnvs | None = None
     """Environments side by side; None: 256."""
-    seeds: int | None = None
+    seeds: Annotated[int, Range(1, 1000)] | None = None
     """For train: so many seeds in one program, beside one seed alone."""
-    seconds: float = 5.0
+    seconds: Annotated[float, Range(0, 3600, above=True)] = 5.0
     """To measure for, at least, beside the compilation."""
     json: bool = False
     """Print one JSON object and nothing else."""
@@ -46,12 +48,8 @@ def main(args: Sequence[str]) -> int:
         UserError: if a name is unknown or sizes do not divide.
     """
     options = parse(Options, args, PROG, names=("tasks", "policies"))
-    if options.num_envs is not None and options.num_envs < 1:
-        raise UserError(f"num-envs is {options.num_envs}; accepted: 1 or more")
     if options.seeds is not None and options.part != "train":
         raise UserError(f"seeds are for bench train, not for bench {options.part}")
-    if options.seeds is not None and options.seeds < 1:
-        raise UserError(f"seeds is {options.seeds}; accepted: 1 or more")
     with one_object(options.json) as show:
         from loco_mjx.run import about, machine
         from loco_mjx.scene.tasks import get_task

@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
 from loco_mjx import policies
-from loco_mjx.cli.parse import check_seed, parse
+from loco_mjx.cli.parse import parse
 from loco_mjx.deploy import folder
 from loco_mjx.deploy.a1_robot import A1Robot
 from loco_mjx.deploy.folder import Manifest
@@ -23,6 +23,7 @@ from loco_mjx.deploy.runner import Runner
 from loco_mjx.deploy.safety import Limits
 from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
+from loco_mjx.ranges import SEED, Range
 
 PROG = "loco-mjx deploy"
 STOPPED = 1  # exit code of a run that ended before its time
@@ -41,9 +42,9 @@ class Options:
     """Task whose scene it runs in; generating one needs JAX."""
     scene: Path | None = None
     """MJCF of a scene instead, as `loco-mjx scene --out` writes it; needs no JAX."""
-    seed: int = 0
+    seed: SEED = 0
     """Which of the task's scenes, and the sensors' noise."""
-    seconds: float = 20.0
+    seconds: Annotated[float, Range(0, 3600, above=True)] = 20.0
     """To run the policy for."""
     log: Path | None = None
     """File for everything measured and commanded, .npz."""
@@ -58,12 +59,8 @@ def main(args: Sequence[str]) -> int:
         UserError: before the robot is commanded, if anything is wrong.
     """
     options = parse(Options, args, PROG)
-    check_seed(options.seed)
-    if not 0 < options.seconds <= 3600:
-        raise UserError(f"seconds is {options.seconds}; accepted: more than 0, up to 3600")
     if options.log is not None and (options.log.is_dir() or not options.log.parent.is_dir()):
         raise UserError(f"'{options.log}' cannot be written; accepted: a file in a directory that exists")
-    options.limits.check()
     where = policies.find(options.policy)
     manifest = folder.read(where)
     session = Session(manifest, where)

@@ -11,7 +11,8 @@ import tyro
 
 from loco_mjx import policies
 from loco_mjx.cli.output import one_object
-from loco_mjx.cli.parse import check_seed, parse
+from loco_mjx.cli.parse import parse
+from loco_mjx.ranges import COUNT, SEED
 
 PROG = "loco-mjx evaluate"
 
@@ -27,9 +28,9 @@ class Options:
     """The run's directory, that of the runs of several seeds, a policy's folder, or the name of a shipped policy."""
     task: str | None = None
     """Task to evaluate on; None: the one it was trained on."""
-    episodes: int = 32
+    episodes: COUNT = 32
     """Episodes, each in a newly generated scene."""
-    seed: int = 0
+    seed: SEED = 0
     """Seed of the scenes; the same seed gives the same episodes."""
     stochastic: bool = False
     """Draw actions from the policy's Gaussian instead of taking its mean."""
@@ -46,7 +47,6 @@ def main(args: Sequence[str]) -> int:
         UserError: if there is no usable run, or what is asked cannot be done; nothing is written then.
     """
     options = parse(Options, args, PROG, names=("tasks",))
-    check_seed(options.seed)
     with one_object(options.json) as show:
         from loco_mjx.run import machine
 

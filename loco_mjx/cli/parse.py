@@ -9,6 +9,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, NoReturn, TypeVar
 
+from loco_mjx import ranges
 from loco_mjx.cli import page, words
 from loco_mjx.errors import UserError
 
@@ -34,7 +35,7 @@ def parse(
         keys: fields, each a dataclass, whose options only `--help-all` lists; they need a default.
 
     Raises:
-        UserError: on anything that is not accepted, in one line.
+        UserError: on anything that is not accepted, a value beyond its declared range included, in one line.
         SystemExit: with code 0, after printing the help.
     """
     if page.asked(args):
@@ -52,17 +53,14 @@ def parse(
         ) from None
     if unknown:
         raise UserError(_unknown(unknown, args, _options(kind, prog, default)))
+    ranges.check(filled, called=_called)
     return filled
 
 
-def check_seed(seed: int) -> None:
-    """Refuses a seed that is not a non-negative 32-bit integer.
-
-    Raises:
-        UserError: saying so.
-    """
-    if not 0 <= seed < 2**31:
-        raise UserError(f"seed is {seed}; accepted: 0 to {2**31 - 1}")
+def _called(path: str) -> str:
+    """A key of the configuration as it is written there, an option as on the command line."""
+    path = path.removeprefix("loop.")  # whose options stand beside the command's own
+    return path if "." in path else path.replace("_", "-")
 
 
 def _help(

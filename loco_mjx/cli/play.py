@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from loco_mjx import policies
-from loco_mjx.cli.parse import check_seed, parse
+from loco_mjx.cli.parse import parse
 from loco_mjx.cli.scene import choose_gl
 from loco_mjx.errors import UserError
+from loco_mjx.ranges import SEED, Range
 
 if TYPE_CHECKING:
     from loco_mjx.show.rollout import Agent
@@ -35,9 +36,9 @@ class Options:
     """Open a live viewer for the browser, until Ctrl-C."""
     task: str | None = None
     """Task to run on; None: the one it was trained on, or thin."""
-    seed: int = 0
+    seed: SEED = 0
     """Of the scene; the first episode is the first of `loco-mjx evaluate` with this seed."""
-    seconds: float = 10.0
+    seconds: Annotated[float, Range(0, 600, above=True)] = 10.0
     """Simulated time to film."""
     attention: bool = False
     """Draw the last layer's attention of the state token over the depth image, as a multiple of uniform attention."""
@@ -45,17 +46,17 @@ class Options:
     """Hold the default pose instead of running a policy."""
     random: bool = False
     """Act at random instead of running a policy."""
-    width: int = 640
+    width: Annotated[int, Range(64, 1920)] = 640
     """Of the video, pixels; it is 16:9."""
-    fps: float = 25.0
+    fps: Annotated[float, Range(5, 25)] = 25.0
     """Frames per second of the video: 25, 12.5 or 5."""
-    columns: int = 5
+    columns: Annotated[int, Range(1, 20)] = 5
     """Moments in the figure."""
     overwrite: bool = False
     """Replace files that exist."""
     host: str = "127.0.0.1"
     """Address that the viewer listens on; 0.0.0.0 lets everyone in."""
-    port: int = 8080
+    port: Annotated[int, Range(1, 65535)] = 8080
     """Port that the viewer listens on."""
 
 
@@ -90,7 +91,6 @@ def check(options: Options) -> None:
     from loco_mjx.scene.tasks import get_task
     from loco_mjx.show import video
 
-    check_seed(options.seed)
     if options.video is None and options.figure is None and not options.web:
         raise UserError("nothing to show; accepted: --video FILE.mp4 or .gif, --figure FILE.png, or --web")
     if options.web and (options.video is not None or options.figure is not None):
@@ -99,14 +99,8 @@ def check(options: Options) -> None:
         raise UserError("--zero and --random are two agents; accepted: one of them")
     if options.directory is None and not (options.zero or options.random):
         raise UserError("no policy to show; accepted: the directory of a run, --zero or --random")
-    if not 0 < options.seconds <= 600:
-        raise UserError(f"seconds is {options.seconds}; accepted: more than 0, up to 600")
-    if not 64 <= options.width <= 1920:
-        raise UserError(f"width is {options.width}; accepted: 64 to 1920")
     if options.fps not in RATES:
         raise UserError(f"fps is {options.fps}; accepted: {', '.join(map(str, RATES))}")
-    if not 1 <= options.columns <= 20:
-        raise UserError(f"columns is {options.columns}; accepted: 1 to 20")
     if options.task is not None:
         get_task(options.task)
     for path, suffixes in ((options.video, video.VIDEOS), (options.figure, video.FIGURES)):

@@ -8,10 +8,11 @@ import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from loco_mjx.cli.parse import parse
 from loco_mjx.errors import UserError
+from loco_mjx.ranges import Range
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,7 +30,7 @@ class Options:
 
     task: str = "thin"
     """Which task's scene."""
-    seed: int = 0
+    seed: Annotated[int, Range(0, LARGEST_SEED)] = 0
     """Which of its scenes; the same seed gives the same scene."""
     out: Path | None = None
     """File for the MJCF; any MuJoCo viewer opens it by itself."""

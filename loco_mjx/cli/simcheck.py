@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
 from loco_mjx import policies
 from loco_mjx.cli.output import one_object
-from loco_mjx.cli.parse import check_seed, parse
+from loco_mjx.cli.parse import parse
+from loco_mjx.ranges import COUNT, SEED, Range
 
 PROG = "loco-mjx simcheck"
+Iterations = Annotated[int, Range(1, 1000)]
 
 
 @dataclass(frozen=True)
@@ -23,11 +26,11 @@ class Options:
     """Folder that `loco-mjx export` wrote, or the name of a shipped policy."""
     task: str | None = None
     """Task to run on; None: the one it was trained on."""
-    episodes: int = 32
+    episodes: COUNT = 32
     """Episodes, each in a newly generated scene."""
-    seed: int = 0
+    seed: SEED = 0
     """Seed of the scenes; the same as in `loco-mjx evaluate`."""
-    solver: tuple[int, int] | None = None
+    solver: tuple[Iterations, Iterations] | None = None
     """Newton and line-search iterations of our side's physics; None: those of training."""
     json: bool = False
     """Print one JSON object and nothing else on stdout."""
@@ -40,7 +43,6 @@ def main(args: Sequence[str]) -> int:
         UserError: if the folder cannot be used, or what is asked cannot be done.
     """
     options = parse(Options, args, PROG)
-    check_seed(options.seed)
     with one_object(options.json) as show:
         from loco_mjx.run import machine
 

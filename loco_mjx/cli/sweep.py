@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from loco_mjx.cli.parse import parse
+from loco_mjx.config.tree import NumEnvs, TotalSteps
 from loco_mjx.errors import UserError
+from loco_mjx.ranges import COUNT, Range
 
 if TYPE_CHECKING:
     from loco_mjx.compare.cells import Plan
@@ -37,13 +39,13 @@ class Options:
     """Directory of the sweep; a run's is TASK/POLICY/seedSEED in it."""
     eval_tasks: str | None = None
     """Tasks to evaluate each run on at its end, joined by commas; None: the one it was trained on."""
-    episodes: int = 32
+    episodes: COUNT = 32
     """Episodes of each evaluation."""
     preset: str = "fast"
     """Defaults of the whole configuration, as in train."""
-    total_steps: int | None = None
+    total_steps: TotalSteps | None = None
     """Samples of each run; None: the preset's, on a CPU too."""
-    num_envs: int | None = None
+    num_envs: NumEnvs | None = None
     """Parallel environments; None: the preset's."""
     changes: Annotated[tuple[str, ...], tyro.conf.arg(name="set")] = ()
     """Keys of every run's configuration: --set ppo.clip=0.1 env.randomization.enabled=True."""
@@ -51,9 +53,9 @@ class Options:
     """Where runs go: local is this machine, one after the other, each on all devices; ray is a Ray cluster."""
     ray_address: str | None = None
     """Of --launcher ray, HOST:PORT; None: $RAY_ADDRESS, else this machine's cluster, else one started for the sweep."""
-    cpus_per_cell: int | None = None
+    cpus_per_cell: Annotated[int, Range(1, 10_000)] | None = None
     """Of --launcher ray, set aside for each run; None: 1 where there are GPUs, else all of the largest node."""
-    gpus_per_cell: float | None = None
+    gpus_per_cell: Annotated[float, Range(0, 1000)] | None = None
     """Of --launcher ray, set aside for each run; None: 1 where there are any."""
     dry_run: bool = False
     """Only show what would run, and how long."""

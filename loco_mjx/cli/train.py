@@ -15,9 +15,11 @@ import tyro
 
 from loco_mjx import config as config_lib
 from loco_mjx.cli import words
-from loco_mjx.cli.parse import check_seed, parse
+from loco_mjx.cli.parse import parse
 from loco_mjx.config import Config, DistillConfig, EnvConfig, NetworkConfig, PPOConfig
+from loco_mjx.config.tree import NumEnvs, TotalSteps
 from loco_mjx.errors import UnknownNameError, UserError
+from loco_mjx.ranges import SEED, Range
 from loco_mjx.run.loop import LoopOptions
 from loco_mjx.run.progress import duration
 from loco_mjx.run.record import Run
@@ -45,23 +47,23 @@ class Options:
     """Policy to train, one of those above; it decides whether depth is rendered."""
     method: Literal["ppo", "distill"] = "ppo"
     """How it learns: by PPO alone, as in the paper, or from a privileged teacher first (`distill`)."""
-    seed: int = 0
+    seed: SEED = 0
     """Seed of everything random."""
     seeds: str | None = None
     """Several seeds in one program instead, as in 0-4 or 0,2,5; each one's run is seedSEED in --out."""
     preset: str = PRESET
     """Defaults of the whole configuration, one of those above: the paper's, for wall-clock, or for the robot."""
-    total_steps: int | None = None
+    total_steps: TotalSteps | None = None
     """Samples to train; None: the preset's on a GPU, on a CPU what takes about 20 minutes."""
-    num_envs: int | None = None
+    num_envs: NumEnvs | None = None
     """Parallel environments; None: the preset's."""
     out: Path | None = None
     """Directory of the run; None: runs/TASK/POLICY/seedSEED. With --seeds that of all of them: runs/TASK/POLICY."""
     coordinator: str | None = None
     """HOST:PORT of process 0, for a run over several processes; under `srun` with several tasks SLURM says it."""
-    process_id: int | None = None
+    process_id: Annotated[int, Range(0, 2**16)] | None = None
     """Which of them this one is: 0 to num-processes - 1."""
-    num_processes: int | None = None
+    num_processes: Annotated[int, Range(1, 2**16)] | None = None
     """How many processes train together; --num-envs is of all of them."""
     loop: Annotated[LoopOptions, tyro.conf.arg(name="")] = field(default_factory=LoopOptions)
     env: tyro.conf.FlagConversionOff[EnvConfig] = field(default_factory=EnvConfig)
@@ -210,7 +212,6 @@ def check(config: Config) -> None:
     from loco_mjx.scene.tasks import get_task
 
     get_task(config.env.task)
-    check_seed(config.seed)
     config_lib.check(config)
 
 

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -16,11 +16,14 @@ from loco_mjx.deploy.robot import Frame, RobotError, Sensors
 from loco_mjx.deploy.runner import SIT
 from loco_mjx.deploy.terrain_rays import TerrainRays
 from loco_mjx.errors import UserError
+from loco_mjx.ranges import Range, check
 
 SEEN_GROUP, HIDDEN_GROUP = 2, 5  # geom groups: what the camera sees, and what has been collected
 GROUND_GROUP = 1  # heightfields, whose rays are cast apart; viewers show it, as they do SEEN_GROUP
 COLLECT_RADIUS = 0.2  # m, in xy
 MEMORY = 0.2  # s of measurements and images kept, and so the longest latency
+Latency = Annotated[float, Range(0, MEMORY)]
+Deviation = Annotated[float, Range(0, 10)]
 
 
 @dataclass(frozen=True)
@@ -36,12 +39,12 @@ class Imperfections:
         dropped: part of the images that never arrive.
     """
 
-    sensor_latency: float = 0.0
-    frame_latency: float = 0.0
-    angle_noise: float = 0.0
-    gyro_noise: float = 0.0
-    blind_pixels: int = 0
-    dropped: float = 0.0
+    sensor_latency: Latency = 0.0
+    frame_latency: Latency = 0.0
+    angle_noise: Deviation = 0.0
+    gyro_noise: Deviation = 0.0
+    blind_pixels: Annotated[int, Range(0, 1024 * 1024)] = 0
+    dropped: Annotated[float, Range(0, 1)] = 0.0
 
 
 class MujocoRobot:
@@ -67,7 +70,7 @@ class MujocoRobot:
             between: called with the model and its data every control step, to move what moves.
 
         Raises:
-            UserError: if the model is no A1 or its rates are others.
+            UserError: if the model is no A1, its rates are others, or an imperfection is none.
         """
         import mujoco
 
@@ -75,8 +78,7 @@ class MujocoRobot:
         if model.nq != 19 or model.nu != 12 or abs(model.opt.timestep - a1.PHYSICS_DT) > 1e-9 or model.nkey < 1:
             raise UserError("the MJCF is no scene with an A1; `loco-mjx scene --out FILE.xml` writes one")
         self.camera, self.faults = camera, imperfections or Imperfections()
-        if max(self.faults.sensor_latency, self.faults.frame_latency) > MEMORY:
-            raise UserError(f"latencies are longer than {MEMORY} s; accepted: 0 to {MEMORY}")
+        check(self.faults, "imperfections")
         self._random, self._between, self._steps = np.random.default_rng(seed), between, 0
         self._frames: deque[Frame] = deque(maxlen=round(MEMORY / a1.CONTROL_DT) + 2)
         self._sensors: deque[Sensors] = deque(maxlen=round(MEMORY / a1.PHYSICS_DT) + 2)

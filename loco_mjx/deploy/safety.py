@@ -8,9 +8,10 @@ import select
 import signal
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import StrEnum
 from types import FrameType
+from typing import Annotated
 
 import numpy as np
 
@@ -18,8 +19,9 @@ from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.observer import up
 from loco_mjx.deploy.plausible import Unchanged, impossible, malformed, unusable
 from loco_mjx.deploy.robot import Frame, Sensors
-from loco_mjx.errors import UserError
+from loco_mjx.ranges import Range, check
 
+Seconds = Annotated[float, Range(0, 5, above=True)]
 AHEAD = 0.005  # s by which a measurement's clock may be ahead
 FRAMES = 4  # images may stay the same this much longer than other measurements
 
@@ -67,13 +69,13 @@ class Limits:
             four times as long.
     """
 
-    min_up: float = 0.5
-    joint_margin: float = 0.1
-    saturated: float = 0.5
-    sensor_age: float = 0.05
-    frame_age: float = 0.25
-    missed: int = 5
-    frozen: float = 0.5
+    min_up: Annotated[float, Range(0, 1, above=True, below=True)] = 0.5
+    joint_margin: Annotated[float, Range(0, 1, above=True)] = 0.1
+    saturated: Seconds = 0.5
+    sensor_age: Seconds = 0.05
+    frame_age: Seconds = 0.25
+    missed: Annotated[int, Range(1, 100)] = 5
+    frozen: Seconds = 0.5
 
     def check(self) -> None:
         """Refuses limits that would never end a run.
@@ -81,12 +83,7 @@ class Limits:
         Raises:
             UserError: naming the limit and what is accepted.
         """
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (math.isfinite(value) and value > 0):
-                raise UserError(f"limits.{field.name} is {value}; accepted: a finite number above 0")
-        if self.min_up >= 1:
-            raise UserError(f"limits.min_up is {self.min_up}; accepted: more than 0, less than 1")
+        check(self, "limits")
 
 
 class EmergencyStop:

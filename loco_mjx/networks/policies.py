@@ -16,8 +16,9 @@ import jax
 import jax.numpy as jp
 from flax import struct
 
+from loco_mjx import ranges
 from loco_mjx.config import NetworkConfig
-from loco_mjx.errors import UnknownNameError, UserError
+from loco_mjx.errors import UnknownNameError
 from loco_mjx.networks.encoders import MLP, PROJECTION_INIT, DepthEncoder, Head, VisualTokens
 from loco_mjx.networks.transformer import Transformer
 
@@ -324,13 +325,8 @@ def make_networks(policy: str, config: NetworkConfig, action_size: int) -> Netwo
     """
     if policy not in POLICIES:
         raise UnknownNameError("policy", policy, POLICIES)
-    if config.tokens_per_side not in (1, 2, 4):
-        raise UserError(f"network.tokens_per_side is {config.tokens_per_side}; accepted: 1, 2, 4")
-    if config.layers < 0:
-        raise UserError(f"network.layers is {config.layers}; accepted: 0 or more")
+    ranges.check(config, "network")
     entry = POLICIES[policy]
-    if entry.holds and min(config.hold, config.latent_dim) < 1:
-        raise UserError(f"network.hold is {config.hold}, network.latent_dim {config.latent_dim}; accepted: 1 or more")
     hold = config.hold if entry.holds else 1
     knows = entry.uses_privileged or config.critic == "privileged"
     return Networks(entry.build(config, action_size), entry.uses_state, entry.uses_depth, hold, knows)

@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from loco_mjx import ranges
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.errors import UserError
 from loco_mjx.physics.kinematics import SPHERES
@@ -93,11 +94,7 @@ def build(config: PhysicsConfig, obstacle_slots: int = 2) -> PhysicsModel:
     Raises:
         UserError: on sizes that make no sense.
     """
-    for name in ("iterations", "ls_iterations"):
-        if getattr(config, name) < 1:
-            raise UserError(f"physics.{name} is {getattr(config, name)}; accepted: 1 or more")
-    if config.more_iterations < 0:
-        raise UserError(f"physics.more_iterations is {config.more_iterations}; accepted: 0 or more")
+    ranges.check(config, "physics")
     if obstacle_slots < 1:
         raise UserError(f"obstacle_slots is {obstacle_slots}; accepted: 1 or more")
     spec = mujoco.MjSpec.from_file(str(a1_xml_path()))

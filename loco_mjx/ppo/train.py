@@ -102,7 +102,7 @@ class Trainer:
                 "env.observation.privileged is False"
             )
         if config.ppo.unroll % self.networks.hold:
-            raise config_lib.UserError(
+            raise UserError(
                 f"network.hold {self.networks.hold} does not divide ppo.unroll {config.ppo.unroll}; "
                 "accepted: a divisor of it"
             )

@@ -7,13 +7,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
+from typing import Annotated, Any, NoReturn, Protocol
 
 import jax
 import numpy as np
 
 from loco_mjx.config import Config
 from loco_mjx.errors import UserError
+from loco_mjx.ranges import COUNT, Range
 from loco_mjx.run import checkpoint, hosts, machine
 from loco_mjx.run.logger import SECONDS
 from loco_mjx.run.progress import Reporter
@@ -65,11 +66,11 @@ class Single:
 class LoopOptions:
     """When to save and to evaluate; none of it changes what is learnt."""
 
-    checkpoint_minutes: float = 5.0
+    checkpoint_minutes: Annotated[float, Range(0, 100_000)] = 5.0
     """Minutes between checkpoints; one is also written at the end, and when stopped."""
-    evaluations: int = 10
+    evaluations: Annotated[int, Range(0, 100_000)] = 10
     """Evaluations of the deterministic policy over the run, besides one at its start; 0 for none."""
-    evaluation_episodes: int = 8
+    evaluation_episodes: COUNT = 8
     """Episodes of one such evaluation."""
 
 

@@ -234,7 +234,7 @@ BAD = {
     "key": (["--set", "ppo.clipp=1"], "'ppo.clip'"),
     "preset": (["--preset", "papr"], "preset 'papr'"),
     "episodes": (["--episodes", "0"], "episodes is 0"),
-    "steps": (["--total-steps", "0"], "ppo.total_steps is 0"),
+    "steps": (["--total-steps", "0"], "total-steps is 0"),
     "value": (["--set", "ppo.clip=x"], "ppo.clip"),
     "out": (["--out", "/dev/null"], "is a file"),
     "access": (["--out", "/proc/sweep"], "cannot write /proc/sweep"),

@@ -11,9 +11,10 @@ import pytest
 from rich.console import Console
 
 from loco_mjx.errors import RunError, UserError
+from loco_mjx.ppo.train import Trainer
 from loco_mjx.run import checkpoint, loop
 from loco_mjx.run.progress import Reporter
-from tests.run.tiny import Interrupted, Wordy, file_limit, tiny_config, tiny_trainer
+from tests.run.tiny import Interrupted, TinyEnv, Wordy, file_limit, mesh, tiny_config, tiny_trainer
 
 EVERY = loop.LoopOptions(checkpoint_minutes=0.0, evaluations=0)
 AT_THE_END = loop.LoopOptions(checkpoint_minutes=60.0, evaluations=0)
@@ -129,9 +130,11 @@ def test_a_diverged_run_does_not_overwrite_its_last_good_checkpoint(tmp_path, tr
 )
 def test_what_diverges_without_a_loss_that_shows_it_stops_too(tmp_path, reporter, rate, what):
     """Updates whose gradient is no number are skipped, and leave no loss behind."""
-    config = tiny_config(learning_rate=rate)
+    config = tiny_config()
+    trainer = Trainer(config, TinyEnv(), mesh())
+    trainer.config = tiny_config(learning_rate=rate)  # which no configuration that is checked holds
     with pytest.raises(UserError, match=what):
-        loop.run(tiny_trainer(config), config, tmp_path, EVERY, reporter)
+        loop.run(trainer, config, tmp_path, EVERY, reporter)
     for step in checkpoint.steps(tmp_path):
         state, _ = checkpoint.restore(tmp_path, tiny_trainer(config).init(), config, print, at=step)
         assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((state.params, state.normalizer)))

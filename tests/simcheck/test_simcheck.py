@@ -74,7 +74,7 @@ def test_bad_input(policy, tmp_path, capsys):
         ([str(tmp_path / "none")], "no policy folder"),
         ([str(policy), "--task", "thn"], "'thin'"),
         ([str(policy), "--episodes", "0"], "episodes is 0"),
-        ([str(policy), "--solver", "0", "8"], "physics.iterations is 0"),
+        ([str(policy), "--solver", "0", "8"], "solver is (0, 8); accepted: each 1 to 1000"),
     ):
         assert main(["simcheck", *words]) == 2
         assert said in capsys.readouterr().err

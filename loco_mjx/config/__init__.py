@@ -1,0 +1,42 @@
+"""The configuration: the tree of its values, presets, what methods make of it, checks, and JSON."""
+
+from loco_mjx.config.checks import check
+from loco_mjx.config.methods import teacher_of, with_method
+from loco_mjx.config.presets import PRESETS, preset
+from loco_mjx.config.tree import (
+    ActionConfig,
+    Config,
+    DepthConfig,
+    DistillConfig,
+    EnvConfig,
+    NetworkConfig,
+    ObservationConfig,
+    PhysicsConfig,
+    PPOConfig,
+    RandomizationConfig,
+    RewardConfig,
+    TerminationConfig,
+)
+from loco_mjx.config.written import from_dict, to_dict
+
+__all__ = [
+    "PRESETS",
+    "ActionConfig",
+    "Config",
+    "DepthConfig",
+    "DistillConfig",
+    "EnvConfig",
+    "NetworkConfig",
+    "ObservationConfig",
+    "PPOConfig",
+    "PhysicsConfig",
+    "RandomizationConfig",
+    "RewardConfig",
+    "TerminationConfig",
+    "check",
+    "from_dict",
+    "preset",
+    "teacher_of",
+    "to_dict",
+    "with_method",
+]

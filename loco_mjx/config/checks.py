@@ -1,0 +1,71 @@
+"""Whether the values of a configuration fit together; each one's own range is declared beside it in the tree."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from loco_mjx import ranges
+from loco_mjx.config.methods import teacher_of
+from loco_mjx.config.tree import Config
+from loco_mjx.errors import UserError
+
+MOST_SAMPLES = 2**31 - 1  # a training state counts them in 32 bits
+
+
+def check(config: Config, num_devices: int = 1) -> None:
+    """Checks every value's range, and that sizes fit together.
+
+    Raises:
+        UserError: naming the value and what is accepted, or the sizes that do not divide, and what would.
+    """
+    ranges.check(config)
+    ppo = config.ppo
+    if ppo.num_envs % num_devices:
+        raise UserError(f"ppo.num_envs {ppo.num_envs} does not divide over {num_devices} devices; accepted: a multiple")
+    if ppo.minibatch % num_devices:
+        raise UserError(
+            f"ppo.minibatch {ppo.minibatch} does not divide over {num_devices} devices; accepted: a multiple"
+        )
+    if ppo.samples_per_iteration % ppo.minibatch:
+        raise UserError(
+            f"ppo.minibatch {ppo.minibatch} does not divide the {ppo.samples_per_iteration} samples of an iteration "
+            f"(num_envs {ppo.num_envs} × unroll {ppo.unroll}); accepted: a divisor of it"
+        )
+    if ppo.iterations * ppo.samples_per_iteration > MOST_SAMPLES:
+        raise UserError(
+            f"ppo.total_steps {ppo.total_steps} in iterations of {ppo.samples_per_iteration} samples are "
+            f"{ppo.iterations * ppo.samples_per_iteration}; accepted: {MOST_SAMPLES} or less"
+        )
+    _check_order(config)
+    if config.method == "distill":
+        _check_distill(config, num_devices)
+
+
+def _check_distill(config: Config, num_devices: int) -> None:
+    """Checks the values of method `distill`."""
+    distill, samples = config.distill, config.ppo.samples_per_iteration
+    teacher = teacher_of(config).ppo
+    if teacher.iterations * teacher.samples_per_iteration > MOST_SAMPLES:
+        raise UserError(
+            f"distill.teacher_ratio {distill.teacher_ratio} of ppo.total_steps {config.ppo.total_steps} are "
+            f"{teacher.total_steps} samples; accepted: {MOST_SAMPLES} or less"
+        )
+    if samples % distill.minibatch or distill.minibatch % num_devices:
+        raise UserError(
+            f"distill.minibatch {distill.minibatch} does not divide the {samples} samples of an iteration, or not over "
+            f"{num_devices} devices; accepted: a divisor of the one and a multiple of the other"
+        )
+
+
+def _check_order(config: Config) -> None:
+    """Checks that the lower of two values is the lower one."""
+    for name, value in dataclasses.asdict(config.env.randomization).items():
+        if isinstance(value, tuple) and value[0] > value[1]:
+            raise UserError(f"env.randomization.{name} is {value}; accepted: two values, the lower first")
+    depth = config.env.observation.depth
+    if depth.near >= depth.far:
+        raise UserError(f"env.observation.depth: near {depth.near}, far {depth.far}; accepted: near < far")
+    if depth.blind_min > depth.blind_max:
+        raise UserError(
+            f"env.observation.depth: blind_min {depth.blind_min}, blind_max {depth.blind_max} are not in order"
+        )

@@ -1,0 +1,56 @@
+"""The presets: which values a run starts from."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from loco_mjx.config.tree import Config
+from loco_mjx.errors import UnknownNameError
+
+
+def _fast(config: Config) -> Config:
+    """Tuned for wall-clock: fewer passes, larger steps, calmer hips, values of order 1 beside the policy's gradient."""
+    action = dataclasses.replace(config.env.action, scale=(0.2, 0.5, 0.5))
+    ppo = dataclasses.replace(
+        config.ppo,
+        minibatch=512,
+        epochs=2,
+        learning_rate=4e-4,
+        entropy=1e-3,
+        reward_scale=0.1,
+        learning_rate_decay=False,
+    )
+    return dataclasses.replace(config, env=dataclasses.replace(config.env, action=action), ppo=ppo)
+
+
+def _real(config: Config) -> Config:
+    """`fast` for the real robot: what it cannot measure is not observed, and what is not known of it is drawn."""
+    config = _fast(config)
+    observation = config.env.observation
+    env = dataclasses.replace(
+        config.env,
+        observation=dataclasses.replace(
+            observation, displacement=False, depth=dataclasses.replace(observation.depth, noise=True)
+        ),
+        randomization=dataclasses.replace(config.env.randomization, enabled=True),
+    )
+    return dataclasses.replace(config, env=env)
+
+
+def _paper(config: Config) -> Config:
+    """The paper's, with the optimisers of the authors' code."""
+    return dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, optimizer="separate", value_loss=1.0))
+
+
+PRESETS = {"paper": _paper, "fast": _fast, "real": _real}
+
+
+def preset(name: str) -> Config:
+    """The configuration of a preset.
+
+    Raises:
+        UnknownNameError: if there is no preset of that name.
+    """
+    if name not in PRESETS:
+        raise UnknownNameError("preset", name, PRESETS)
+    return PRESETS[name](Config())

@@ -1,0 +1,229 @@
+"""The whole configuration as one tree of frozen dataclasses; the defaults are the paper's.
+
+Every key is read somewhere, every key appears in the ``config.json`` a run writes before its first step.
+Section numbers refer to the LocoTransformer paper's appendix where a default comes from there. Every number has a
+declared range (loco_mjx/ranges.py): wide enough for any experiment, narrow enough that nothing overflows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from loco_mjx import a1
+from loco_mjx.ranges import SEED, Range
+
+Share = Annotated[float, Range(0, 1)]
+Weight = Annotated[float, Range(-10_000, 10_000)]  # of a term of the reward or the loss
+Factor = Annotated[float, Range(0, 10)]
+Mass = Annotated[float, Range(0.01, 10)]  # factor; without mass there is no motion to compute
+Kp = Annotated[float, Range(0, 500, above=True)]  # N·m/rad
+Kd = Annotated[float, Range(0, 50)]  # N·m·s/rad
+Degrees = Annotated[float, Range(0, 180, above=True, below=True)]
+Angle = Annotated[float, Range(0, 3.1416)]  # rad
+Latency = Annotated[float, Range(0, a1.CONTROL_DT)]  # s; histories hold one control step
+Metres = Annotated[float, Range(0, 1000, above=True)]
+Deviation = Annotated[float, Range(0, 10, above=True)]
+LearningRate = Annotated[float, Range(0, 1, above=True)]
+Blind = Annotated[int, Range(0, 1024 * 1024)]  # pixels
+Pixels = Annotated[int, Range(1, 1024)]
+Frames = Annotated[int, Range(1, 64)]
+Width = Annotated[int, Range(1, 16_384)]  # of a layer
+Passes = Annotated[int, Range(1, 1000)]
+NumEnvs = Annotated[int, Range(1, 2**20)]
+TotalSteps = Annotated[int, Range(1, 2_000_000_000)]
+Samples = Annotated[int, Range(1, 2**26)]  # of a minibatch
+
+
+@dataclass(frozen=True)
+class ActionConfig:
+    """How a policy's output becomes joint targets: default pose + scale · tanh(a)."""
+
+    scale: tuple[Angle, Angle, Angle] = (0.5, 0.5, 0.5)  # rad, for hip, thigh, calf
+    diagonal: bool = False  # 6-D: (FR, RL) share three, (FL, RR) share three
+
+    @property
+    def size(self) -> int:
+        """Dimension of the policy's action."""
+        return 6 if self.diagonal else 12
+
+
+@dataclass(frozen=True)
+class DepthConfig:
+    """The depth camera: planar depth along the optical axis."""
+
+    enabled: bool = True  # False renders nothing and leaves `pixels/depth` out of the observation
+    height: Pixels = 64
+    width: Pixels = 64
+    vertical_fov: Degrees = 60.0  # degrees
+    horizontal_fov: Degrees = 85.46  # degrees
+    near: Metres = 0.3  # m, clip
+    far: Metres = 10.0  # m, clip; misses read this
+    frames: Frames = 4  # stacked, newest first
+    blind_min: Blind = 3  # blind pixels per frame when noise is on: U{blind_min..blind_max}
+    blind_max: Blind = 30
+    noise: bool | None = None  # blind pixels; None follows randomization.enabled
+
+
+@dataclass(frozen=True)
+class ObservationConfig:
+    """The parts of the observation."""
+
+    state_frames: Frames = 3  # proprioceptive frames, newest first
+    displacement: bool = True  # base displacement over the last control step (off: the real robot's 84-D state)
+    goal: bool = False  # goal relative to the base, appended to `state`
+    privileged: bool = False  # `privileged`: what only a simulator knows (loco_mjx/env/privileged.py)
+    depth: DepthConfig = field(default_factory=DepthConfig)
+
+    @property
+    def state_size(self) -> int:
+        """Length of the `state` vector."""
+        per_frame = 12 + 4 + 12 + (3 if self.displacement else 0)
+        return self.state_frames * per_frame + (3 if self.goal else 0)
+
+
+@dataclass(frozen=True)
+class RewardConfig:
+    """Weights of the reward's terms; see loco_mjx/env/reward.py."""
+
+    forward: Weight = 1.0
+    energy: Weight = 0.005 * a1.PHYSICS_DT  # times −‖τ‖²; the paper prints 0.005, which drowns every other term
+    alive: Weight = 0.1
+    sphere: Weight = 100.0  # per sphere collected
+    vertical_speed: Weight = 0.0  # times −v_z²
+    collision: Weight = 0.0  # times −1 in a control step with obstacle contact
+    action_rate: Weight = 0.0  # times −‖u_t − u_{t−1}‖²
+    target_speed: Annotated[float, Range(0, 100, above=True)] | None = (
+        1.0  # m/s, cap on the forward speed; None: no cap
+    )
+
+
+@dataclass(frozen=True)
+class TerminationConfig:
+    """When an episode ends before its horizon."""
+
+    min_up: Annotated[float, Range(-1, 1)] = 0.6  # z of the trunk's up axis
+    min_height: Annotated[float, Range(-1, 1)] = 0.15  # m, base above the ground beneath it
+    on_collision: bool = False
+
+
+@dataclass(frozen=True)
+class PhysicsConfig:
+    """The MJX solver and the contact slots."""
+
+    iterations: Passes = 2  # Newton iterations per physics step
+    ls_iterations: Passes = 8  # line-search iterations per Newton iteration
+    more_iterations: Annotated[int, Range(0, 1000)] = 4  # further ones of those environments that have not converged
+    near_boxes: Annotated[int, Range(0, 1000)] = (
+        16  # boxes nearest the robot's spheres that may touch it within one control step
+    )
+    near_cylinders: Annotated[int, Range(0, 1000)] = 4  # likewise
+    friction: Factor = 1.0  # lateral, of the feet and knees against everything
+
+
+@dataclass(frozen=True)
+class RandomizationConfig:
+    """Domain randomisation, drawn at each reset and constant in the episode (paper, appendix A)."""
+
+    enabled: bool = False
+    kp: tuple[Kp, Kp] = (40.0, 90.0)
+    kd: tuple[Kd, Kd] = (0.4, 0.8)
+    inertia: tuple[Mass, Mass] = (0.5, 1.5)  # factor
+    friction: tuple[Factor, Factor] = (0.5, 1.25)  # lateral coefficient
+    mass: tuple[Mass, Mass] = (0.8, 1.2)  # factor
+    motor_friction: tuple[Factor, Factor] = (0.0, 0.05)  # N·m·s/rad
+    motor_strength: tuple[Factor, Factor] = (0.8, 1.2)  # factor, per motor
+    latency: tuple[Latency, Latency] = (0.0, 0.04)  # s, IMU and joint angles
+
+
+@dataclass(frozen=True)
+class EnvConfig:
+    """One task's environment."""
+
+    task: str = "thin"
+    horizon: Annotated[int, Range(1, 1_000_000)] = 1000  # control steps
+    kp: Kp = a1.KP
+    kd: Kd = a1.KD
+    start_range: Annotated[float, Range(0, 100)] = 1.0  # m, start at ± this in x and y
+    action: ActionConfig = field(default_factory=ActionConfig)
+    observation: ObservationConfig = field(default_factory=ObservationConfig)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    termination: TerminationConfig = field(default_factory=TerminationConfig)
+    physics: PhysicsConfig = field(default_factory=PhysicsConfig)
+    randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """Sizes of the policy networks (paper, appendix B)."""
+
+    token_dim: Width = 128
+    tokens_per_side: Literal[1, 2, 4] = 4  # N: the visual features become N × N tokens
+    layers: Annotated[int, Range(0, 100)] = 2  # transformer encoder layers
+    mlp_dim: Width = 256  # of an encoder layer
+    hidden: tuple[Width, ...] = (256, 256)
+    state_only_hidden: tuple[Width, ...] = (256, 256, 256, 256)
+    initial_std: Deviation = 1.0
+    latent_dim: Width = 4  # hrl: width of the high level's command
+    hold: Passes = 4  # hrl: control steps for which a command is held; divides ppo.unroll
+    critic: Literal["shared", "privileged"] = "shared"  # privileged: an MLP on `state` and `privileged` is the value
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """PPO's hyper-parameters; the defaults are the paper's."""
+
+    num_envs: NumEnvs = 256
+    unroll: Annotated[int, Range(1, 2**16)] = 32  # control steps per environment and iteration
+    minibatch: Samples = 256  # samples
+    epochs: Passes = 3
+    clip: Deviation = 0.2
+    discount: Share = 0.99
+    gae_lambda: Share = 0.95
+    learning_rate: LearningRate = 1e-4
+    learning_rate_decay: bool = True  # linearly to zero over total_steps
+    max_grad_norm: Annotated[float, Range(0, 1e6, above=True)] = 0.5
+    entropy: Weight = 0.005
+    value_loss: Annotated[float, Range(0, 10_000)] = 0.5
+    optimizer: Literal["joint", "separate"] = "joint"  # separate: policy and value have their own clip and Adam
+    reward_scale: Annotated[float, Range(0, 10_000, above=True)] = (
+        1.0  # of the rewards learnt from; those reported are not scaled
+    )
+    total_steps: TotalSteps = 15_000_000  # samples
+    pool_size: Annotated[int, Range(1, 2**20)] = 512  # scenes held ready for resets
+    pool_refresh: Annotated[int, Range(1, 2**30)] = 32  # iterations between new pools
+
+    @property
+    def samples_per_iteration(self) -> int:
+        """Samples collected, and learnt from, in one iteration."""
+        return self.num_envs * self.unroll
+
+    @property
+    def iterations(self) -> int:
+        """Iterations that make up total_steps, rounded up."""
+        return -(-self.total_steps // self.samples_per_iteration)
+
+
+@dataclass(frozen=True)
+class DistillConfig:
+    """Method `distill`: a privileged teacher learns by PPO; the policy imitates it (DAgger), and may go on by PPO."""
+
+    teacher_ratio: Annotated[float, Range(0, 1000, above=True)] = 4.0  # samples of the teacher for each of the policy
+    imitation: Share = 1.0  # share of the policy's samples in which it imitates; PPO in the rest
+    std: Deviation = 0.3  # of the policy's exploration while it imitates, and where PPO begins
+    learning_rate: LearningRate = 1e-3  # while it imitates
+    minibatch: Samples = 512
+    epochs: Passes = 2
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything that defines a run, apart from where it is written."""
+
+    policy: str = "loco-transformer"
+    method: Literal["ppo", "distill"] = "ppo"
+    seed: SEED = 0
+    distill: DistillConfig = field(default_factory=DistillConfig)
+    env: EnvConfig = field(default_factory=EnvConfig)
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    ppo: PPOConfig = field(default_factory=PPOConfig)

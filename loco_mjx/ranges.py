@@ -1,0 +1,134 @@
+"""What a value may be: declared beside each field of a dataclass, and checked here alone.
+
+``discount: Annotated[float, Range(0, 1)] = 0.99`` declares a range. Of NaN and of the infinities none is in any range.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import numbers
+import types
+import typing
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from operator import attrgetter
+from typing import Annotated, Any, Literal, Union
+
+from loco_mjx.errors import UserError
+
+
+@dataclass(frozen=True)
+class Range:
+    """The numbers that are accepted.
+
+    Attributes:
+        low: the lowest.
+        high: the highest.
+        above: only what is more than `low`.
+        below: only what is less than `high`.
+    """
+
+    low: float
+    high: float
+    above: bool = False
+    below: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        """Whether a number is accepted; NaN is not, for it compares with nothing."""
+        low = self.low < value if self.above else self.low <= value
+        return bool(low and (value < self.high if self.below else value <= self.high))
+
+    def __str__(self) -> str:
+        low, high = _plain(self.low), _plain(self.high)
+        if not self.above and not self.below:
+            return f"{low} to {high}"
+        return f"{'more than ' if self.above else ''}{low}, {'less than' if self.below else 'up to'} {high}"
+
+
+SEED = Annotated[int, Range(0, 2**31 - 1)]
+COUNT = Annotated[int, Range(1, 1_000_000)]  # of episodes and the like
+
+
+def check(tree: Any, prefix: str = "", called: Callable[[str], str] = str) -> None:
+    """Checks the type and the range of every value in a dataclass and those it holds.
+
+    Args:
+        tree: the dataclass.
+        prefix: of the values' names, such as "limits".
+        called: from a value's path, such as ``ppo.clip``, to what messages call it.
+
+    Raises:
+        UserError: naming the first value that is not accepted, and what is.
+    """
+    for path, hint in leaves(type(tree)):  # type: ignore[arg-type]
+        value = attrgetter(path)(tree)
+        accepted = complaint(value, hint)
+        if accepted is not None:
+            name = f"{prefix}.{path}" if prefix else called(path)
+            raise UserError(f"{name} is {_shown(value)}; accepted: {accepted}")
+
+
+@cache
+def leaves(kind: type) -> tuple[tuple[str, Any], ...]:
+    """Path and type of every value in a kind of dataclass and those it holds: ``("ppo.clip", float)``."""
+    return tuple(_leaves(kind, ""))
+
+
+def _leaves(kind: type, prefix: str) -> Iterator[tuple[str, Any]]:
+    hints = typing.get_type_hints(kind, include_extras=True)
+    for field in dataclasses.fields(kind):
+        hint = hints[field.name]
+        bare = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
+        if dataclasses.is_dataclass(bare):
+            yield from _leaves(bare, f"{prefix}{field.name}.")  # type: ignore[arg-type]
+        else:
+            yield prefix + field.name, hint
+
+
+def complaint(value: Any, hint: Any) -> str | None:
+    """What a type with its ranges accepts, if it does not accept the value; None if it does.
+
+    Types other than numbers, words, choices and tuples of them accept everything.
+    """
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Annotated:
+        declared = [part for part in parts[1:] if isinstance(part, Range)]
+        wrong = complaint(value, parts[0])
+        if wrong is not None:
+            return ", ".join([wrong, *map(str, declared)])
+        return next((str(part) for part in declared if value is not None and value not in part), None)
+    if origin in (Union, types.UnionType):
+        wrongs = [complaint(value, part) for part in parts]
+        return None if None in wrongs else " or ".join(wrong for wrong in wrongs if wrong)
+    if origin is Literal:
+        return None if (type(value), value) in [(type(one), one) for one in parts] else ", ".join(map(str, parts))
+    if origin is tuple:
+        return _complaint_of_tuple(value, parts)
+    kinds: dict[Any, tuple[type, str]] = {
+        bool: (bool, "True or False"),
+        int: (numbers.Integral, "a whole number"),
+        float: (numbers.Real, "a number"),
+        str: (str, "a word"),
+        type(None): (type(None), "None"),
+    }
+    if hint not in kinds:
+        return None
+    kind, name = kinds[hint]
+    return None if isinstance(value, kind) and (hint is bool or not isinstance(value, bool)) else name
+
+
+def _complaint_of_tuple(value: Any, parts: tuple[Any, ...]) -> str | None:
+    many = len(parts) == 2 and parts[1] is Ellipsis
+    if not isinstance(value, tuple) or not (many or len(value) == len(parts)):
+        return "several values" if many else f"{len(parts)} values"
+    wrongs = (complaint(one, parts[0] if many else part) for one, part in zip(value, parts * len(value), strict=False))
+    return next((f"each {wrong}" for wrong in wrongs if wrong is not None), None)
+
+
+def _shown(value: Any) -> str:
+    return f"'{value}'" if isinstance(value, str) else str(value)
+
+
+def _plain(number: float) -> str:
+    return str(int(number)) if number == int(number) else str(number)
