@@ -13,6 +13,7 @@ from loco_mjx.compare import results
 from loco_mjx.compare.results import Run
 from loco_mjx.errors import UserError
 from loco_mjx.run.logger import CSV, STEP, read_rows
+from loco_mjx.scene.tasks import TASKS
 
 # Title, unit, metric in metrics.csv: exploring in training, and acting by the mean in evaluations during it.
 PANELS = (
@@ -110,13 +111,11 @@ def draw(folder: Path, out: Path, mixed_versions: bool = False) -> tuple[list[Pa
 def panels(runs: Sequence[Run]) -> list[tuple[str, str, str]]:
     """What is drawn of runs: title, unit and metric; two more for each other task that one was evaluated on."""
     columns = {name for run in runs for row in read_rows(run.path / CSV) for name, value in row.items() if value}
-    first, last = ELSEWHERE[0][2].split("{}")
-    elsewhere = sorted(
-        name[len(first) : -len(last)] for name in columns if name.startswith(first) and name.endswith(last)
-    )
-    others = [name for name in elsewhere if name]
     more = [
-        (f"evaluation on {o}: {title}", unit, metric.format(o)) for o in others for title, unit, metric in ELSEWHERE
+        (f"evaluation on {task}: {title}", unit, metric.format(task))
+        for task in TASKS
+        if ELSEWHERE[0][2].format(task) in columns
+        for title, unit, metric in ELSEWHERE
     ]
     return [*PANELS, *more]
 

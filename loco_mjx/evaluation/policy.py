@@ -73,7 +73,7 @@ def parameter_shapes(config: Config, networks: Networks) -> Any:
 
 def _template(config: Config, networks: Networks) -> Any:
     """Shapes and types of what a checkpoint holds of a policy, on the first device."""
-    normalizer = jax.eval_shape(lambda: normalizer_lib.create(config.env.observation.state_size))
+    normalizer = jax.eval_shape(lambda: normalizer_lib.create(observation_shapes(config)["state"][0]))
     policy = {"params": parameter_shapes(config, networks), "normalizer": normalizer}
     place = SingleDeviceSharding(jax.local_devices()[0])
     return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=place), policy)
