@@ -109,7 +109,7 @@ def reconcile(directory: Path, found: Config, wanted: Config) -> None:
         UserError: naming the first key that differs, with both values.
     """
     flat_found, flat_wanted = flatten(to_dict(found)), flatten(to_dict(wanted))
-    decays = found.ppo.learning_rate_decay
+    decays = found.ppo.learning_rate_decay or (found.method == "distill" and found.distill.learning_rate_decay)
     for key, value in flat_found.items():
         if value == flat_wanted[key] or (key == EXTENDABLE and not decays):
             continue
