@@ -73,10 +73,10 @@ def main() -> None:
     options = parser.parse_args()
     from loco_mjx.run import machine
 
+    machine.set_up()
     for run in [run for run in RUNS if run.name in options.names]:
         if not options.keep_only:
             train(run, options.runs / run.name)
-        machine.set_up()
         keep(run, options.runs / run.name)
 
 
