@@ -8,6 +8,7 @@ from typing import Any
 
 from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, len_episodes, rows, runs, table
 from experiments.ordering import comparison
+from experiments.taught_section import taught
 
 ROOT = Path(__file__).parents[1]
 CURVES = ROOT / "docs" / "learning.png"
@@ -27,8 +28,9 @@ start" is the same policy after its first iteration: acting by its mean it stand
 The runs shared the machine with other work: their times are upper bounds. No run on a GPU has been measured.
 `make paper` uses another preset, `paper`, and 15 million samples a run: no such run is published here.
 
-All of these runs are older than the present courses and contacts: the obstacles of `thin` and `wide` ended at 28.5 m
-and 51 m, beyond which a distance measures open floor (now 73 m), and knees and sliding feet were modelled less well.
+All of these runs are by PPO alone, and older than the present courses and contacts: the obstacles of `thin` and `wide`
+ended at 28.5 m and 51 m, beyond which a distance measures open floor (now 73 m), and knees and sliding feet were
+modelled less well.
 
 ![Distance and episode length over samples](learning.png)
 """
@@ -48,6 +50,12 @@ SPEED = """## Speed, on a CPU
 
 `python -m experiments.speed`. Absolute times vary from machine to machine; a peer is measured in the same run, on
 the same scenes, with as many threads.
+"""
+
+
+RATIOS = """## What changes have cost
+
+`python -m experiments.ratio` measures two commits in turn; per second after the change over per second before it.
 """
 
 
@@ -163,6 +171,17 @@ def speed() -> str:
     return SPEED + "\n" + table(head, body)
 
 
+def ratios() -> str:
+    """The section on what changes have cost; nothing where none was measured."""
+    body = []
+    for path in sorted((RESULTS / "ratio").glob("*.json")):
+        result = json.loads(path.read_text())
+        parts = {name: part for name, part in result.items() if isinstance(part, dict)}
+        commits = f"{result['old'][:7]} → {result['new'][:7]}"
+        body += [[path.stem, commits, f"`{name}`", f"{part['ratio']:.3f}"] for name, part in parts.items()]
+    return RATIOS + "\n" + table(["change", "commits", "what", "ratio"], body) if body else ""
+
+
 def curves() -> None:
     """Draws distance and length over samples: a line per run, a colour per task and policy."""
     import matplotlib
@@ -201,7 +220,7 @@ def main() -> None:
     """Writes the document and its figure."""
     curves()
     (ROOT / "docs" / "results.md").write_text(
-        "\n".join(part for part in (INTRO, learning(), comparison(), simcheck(), speed()) if part)
+        "\n".join(part for part in (INTRO, taught(), learning(), comparison(), simcheck(), speed(), ratios()) if part)
     )
 
 

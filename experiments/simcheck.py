@@ -23,7 +23,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="+", help="runs, e.g. thin-state-only-seed0")
     parser.add_argument("--runs", type=Path, default=Path("runs/learning"), help="where the run directories are")
-    parser.add_argument("--episodes", type=int, default=64, help="of each; C casts a mountain's rays slowly")
+    parser.add_argument("--episodes", type=int, default=64, help="of each")
     options = parser.parse_args()
     RESULTS.mkdir(parents=True, exist_ok=True)
     program = [sys.executable, "-m", "loco_mjx.cli.main"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import sys
 import tomllib
@@ -56,9 +57,12 @@ def packages(specs: list[str]) -> set[str]:
     return {distribution(spec) for spec in specs} - {PROJECT["name"]}
 
 
+installed = functools.cache(packages_distributions)  # reads the records of every package
+
+
 def providers(module: str) -> set[str]:
     """The distributions that a module may come from."""
-    return {name.lower().replace("_", "-") for name in packages_distributions().get(module, [module])}
+    return {name.lower().replace("_", "-") for name in installed().get(module, [module])}
 
 
 def test_every_import_is_declared_where_its_room_s_users_install_it():

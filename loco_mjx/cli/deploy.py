@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from loco_mjx import policies
 from loco_mjx.cli.parse import parse
 from loco_mjx.deploy import folder
 from loco_mjx.deploy.a1_robot import A1Robot
@@ -34,7 +35,7 @@ class Options:
     """Runs an exported policy: stands up, runs, sits down. Ctrl-C, SIGTERM or Enter stop it."""
 
     policy: tyro.conf.Positional[Path]
-    """Folder that `loco-mjx export` wrote."""
+    """Folder that `loco-mjx export` wrote, or the name of a shipped policy."""
     robot: Literal["mujoco", "a1"] = "mujoco"
     """C MuJoCo's A1, or the real one (docs/deployment.md)."""
     task: str = "thin"
@@ -60,8 +61,9 @@ def main(args: Sequence[str]) -> int:
     options = parse(Options, args, PROG)
     if options.log is not None and (options.log.is_dir() or not options.log.parent.is_dir()):
         raise UserError(f"'{options.log}' cannot be written; accepted: a file in a directory that exists")
-    manifest = folder.read(options.policy)
-    session = Session(manifest, options.policy)
+    where = policies.find(options.policy)
+    manifest = folder.read(where)
+    session = Session(manifest, where)
     robot: MujocoRobot | A1Robot
     if options.robot == "a1":
         check_readable(manifest, position_known=False)

@@ -9,6 +9,7 @@ from typing import Any
 
 import tyro
 
+from loco_mjx import policies
 from loco_mjx.cli.output import one_object
 from loco_mjx.cli.parse import parse
 from loco_mjx.ranges import COUNT, SEED
@@ -24,7 +25,7 @@ class Options:
     """
 
     directory: tyro.conf.Positional[Path]
-    """The run's directory, or that of the runs of several seeds."""
+    """The run's directory, that of the runs of several seeds, a policy's folder, or the name of a shipped policy."""
     task: str | None = None
     """Task to evaluate on; None: the one it was trained on."""
     episodes: COUNT = 32
@@ -50,16 +51,22 @@ def main(args: Sequence[str]) -> int:
         from loco_mjx.run import machine
 
         machine.set_up()
+        from loco_mjx.deploy import trained
         from loco_mjx.evaluation import report, seeds
 
-        module: Any = seeds if seeds.holds_seeds(options.directory) else report
-        result = module.evaluate(
-            options.directory,
-            options.task,
-            episodes=options.episodes,
-            seed=options.seed,
-            stochastic=options.stochastic,
-            randomize=options.randomize,
-        )
+        how: dict[str, Any] = {
+            "task": options.task,
+            "episodes": options.episodes,
+            "seed": options.seed,
+            "stochastic": options.stochastic,
+            "randomize": options.randomize,
+        }
+        directory = policies.find(options.directory)
+        if trained.is_exported(directory):  # a folder to be left as it is
+            result = report.evaluate_policy(trained.load(directory), str(options.directory), **how)
+            show(result, report.table(result))
+            return 0
+        module: Any = seeds if seeds.holds_seeds(directory) else report
+        result = module.evaluate(directory, **how)
         show(result, module.table(result))
     return 0

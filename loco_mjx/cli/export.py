@@ -8,6 +8,7 @@ from pathlib import Path
 
 import tyro
 
+from loco_mjx import policies
 from loco_mjx.cli.parse import parse
 
 PROG = "loco-mjx export"
@@ -18,7 +19,7 @@ class Options:
     """Writes the newest policy of a run: ONNX, its description, raw parameters, and StableHLO."""
 
     directory: tyro.conf.Positional[Path]
-    """The run's directory."""
+    """The run's directory, or the name of a shipped policy."""
     out: Path = Path("policy")
     """Folder to write; made if it does not exist."""
 
@@ -35,7 +36,7 @@ def main(args: Sequence[str]) -> int:
     machine.set_up()
     from loco_mjx.deploy import export
 
-    manifest = export.export(options.directory, options.out)
+    manifest = export.export(policies.find(options.directory), options.out)
     training, inputs = manifest["training"], ", ".join(manifest["inputs"])
     print(f"wrote {options.out}: {manifest['policy']} trained on {training['task']} ({training['samples']:,} samples)")
     print(f"in: {inputs}; out: 12 joint targets, rad; next: loco-mjx deploy {options.out} --task {training['task']}")

@@ -1,4 +1,4 @@
-"""The `loco-mjx` command: finds the verb, hands over the rest, turns mistakes into one line and exit code 2.
+"""The `loco-mjx` command: finds the verb, hands over the rest, turns mistakes into one line and an exit code.
 
 A new verb is one file ``loco_mjx/cli/<verb>.py`` with a function ``main(args)`` and one line in ``VERBS``.
 """
@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 
 from loco_mjx.cli import terminal
-from loco_mjx.errors import UnknownNameError, UserError
+from loco_mjx.errors import RunError, UnknownNameError, UserError, is_full
 
 VERBS: dict[str, str] = {
     "train": "train a policy on a task; the same command again resumes",
@@ -31,7 +31,6 @@ VERBS: dict[str, str] = {
 _TRAIN = ("jax", "jaxlib", "flax", "optax", "mujoco", "orbax", "rich", "tensorboardX", "matplotlib")
 EXTRAS: dict[str, str] = dict.fromkeys((*_TRAIN, "imageio_ffmpeg"), "train")
 EXTRAS |= {"onnxruntime": "deploy", "jsonschema": "deploy", "onnx": "export", "pyrealsense2": "a1", "trimesh": "play"}
-USAGE_ERROR = 2
 INTERRUPTED = 130
 
 
@@ -42,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: the words after `loco-mjx`; None takes them from the command line.
 
     Returns:
-        The exit code: 0; 2 for a mistake in what was asked; 130 if stopped by Ctrl-C.
+        The exit code: 0; 2 for a mistake in what was asked; 1 for a full disk and the like; 130 if stopped by Ctrl-C.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     terminal.print_anything()
@@ -51,15 +50,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _run(words)
     except UserError as error:
         print("loco-mjx: " + " ".join(str(error).split()), file=sys.stderr)
-        return USAGE_ERROR
+        return error.code
     except BrokenPipeError:  # whoever read our output has gone, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return INTERRUPTED
     except OSError as error:  # what every command may meet anywhere; other errors are bugs and keep their traceback
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EROFS):
+        if not is_full(error) and error.errno not in (errno.EACCES, errno.EROFS):
             raise
         print(f"loco-mjx: {error}", file=sys.stderr)
-        return USAGE_ERROR
+        return RunError.code if is_full(error) else UserError.code
     except KeyboardInterrupt:
         print("loco-mjx: stopped", file=sys.stderr)
         return INTERRUPTED

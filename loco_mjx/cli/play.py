@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from loco_mjx import policies
 from loco_mjx.cli.parse import parse
 from loco_mjx.cli.scene import choose_gl
 from loco_mjx.errors import UserError
@@ -26,7 +27,7 @@ class Options:
     """Runs a policy by its mean in our own environment and shows it: --video, --figure or --web."""
 
     directory: tyro.conf.Positional[Path | None] = None
-    """The run's directory; none for --zero and --random."""
+    """The run's directory, a policy's folder, or the name of a shipped policy; none for --zero and --random."""
     video: Path | None = None
     """File for a video, .mp4 or .gif: the robot from behind, its depth image as an inset."""
     figure: Path | None = None
@@ -108,10 +109,10 @@ def check(options: Options) -> None:
 
 
 def _agent(options: Options) -> Agent:
-    from loco_mjx.evaluation.policy import load_policy
+    from loco_mjx.deploy import trained
     from loco_mjx.show.rollout import Agent
 
-    policy = load_policy(options.directory) if options.directory is not None else None
+    policy = trained.load(policies.find(options.directory)) if options.directory is not None else None
     return Agent("zero" if options.zero else "random" if options.random else "policy", policy)
 
 

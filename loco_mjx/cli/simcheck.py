@@ -9,6 +9,7 @@ from typing import Annotated
 
 import tyro
 
+from loco_mjx import policies
 from loco_mjx.cli.output import one_object
 from loco_mjx.cli.parse import parse
 from loco_mjx.ranges import COUNT, SEED, Range
@@ -22,7 +23,7 @@ class Options:
     """Runs an exported policy in full C MuJoCo and in our environment, in the same scenes, and compares the two."""
 
     policy: tyro.conf.Positional[Path]
-    """Folder that `loco-mjx export` wrote."""
+    """Folder that `loco-mjx export` wrote, or the name of a shipped policy."""
     task: str | None = None
     """Task to run on; None: the one it was trained on."""
     episodes: COUNT = 32
@@ -50,6 +51,8 @@ def main(args: Sequence[str]) -> int:
         from loco_mjx.simcheck.run import simcheck
 
         progress = report.Progress()
-        result = simcheck(options.policy, options.task, options.episodes, options.seed, progress, options.solver)
+        result = simcheck(
+            policies.find(options.policy), options.task, options.episodes, options.seed, progress, options.solver
+        )
         show(result, report.table(result))
     return 0

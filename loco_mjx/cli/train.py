@@ -57,6 +57,8 @@ class Options:
     """Samples to train; None: the preset's on a GPU, on a CPU what takes about 20 minutes."""
     num_envs: NumEnvs | None = None
     """Parallel environments; None: the preset's."""
+    eval_tasks: str | None = None
+    """Tasks to evaluate on during training besides its own, e.g. wide,thin-sphere: the curves of generalisation."""
     out: Path | None = None
     """Directory of the run; None: runs/TASK/POLICY/seedSEED. With --seeds that of all of them: runs/TASK/POLICY."""
     coordinator: str | None = None
@@ -90,6 +92,7 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
     """Runs the command on one of several processes, or the only one."""
     config = configuration(options)
     check(config)
+    eval_tasks = other_tasks(options)
     runs = planned(options, args, config)
 
     from rich.console import Console
@@ -115,11 +118,25 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
         console.print(f"{path} is finished; next: loco-mjx evaluate {path}", soft_wrap=True)
         return 0
     console.print(f"preset {options.preset}, in {path}", soft_wrap=True)
-    outcome = start.train(runs, options.loop, console, [*PROG.split(), *args])
+    outcome = start.train(runs, options.loop, console, [*PROG.split(), *args], eval_tasks)
     if outcome.signal is None:
         print(f"finished: {outcome.samples:,} samples, curves in {curves}; next: loco-mjx evaluate {path}")
         return 0
     return interrupted(outcome.samples, outcome.signal, args)
+
+
+def other_tasks(options: Options) -> list[str]:
+    """The tasks that are evaluated on besides the run's own.
+
+    Raises:
+        UserError: if one of them is unknown, or the list is none.
+    """
+    from loco_mjx.compare.lists import parse_names
+    from loco_mjx.scene.tasks import get_task
+
+    if options.eval_tasks is None:
+        return []
+    return [get_task(name).name for name in parse_names(options.eval_tasks, "task")]
 
 
 def planned(options: Options, args: Sequence[str], config: Config) -> list[Run]:

@@ -13,6 +13,7 @@ from loco_mjx.compare import results
 from loco_mjx.compare.results import Run
 from loco_mjx.errors import UserError
 from loco_mjx.run.logger import CSV, STEP, read_rows
+from loco_mjx.scene.tasks import TASKS
 
 # Title, unit, metric in metrics.csv: exploring in training, and acting by the mean in evaluations during it.
 PANELS = (
@@ -21,6 +22,8 @@ PANELS = (
     ("evaluation: return", "", "eval/return"),
     ("evaluation: distance", "m", "eval/distance"),
 )
+# The same of every other task that was evaluated on during training (`--eval-tasks`): the paper's figure 3b.
+ELSEWHERE = (("distance", "m", "eval/{}/distance"), ("collisions", "steps", "eval/{}/collisions"))
 FORMATS = ("png", "svg")
 
 
@@ -90,18 +93,31 @@ def draw(folder: Path, out: Path, mixed_versions: bool = False) -> tuple[list[Pa
     if not mixed_versions:
         results.check_versions(results.trained_with(runs), "draw those of each version apart")
     groups = _groups(runs)
+    shown = {task: panels([run for runs in methods.values() for run in runs]) for task, methods in groups.items()}
     found = {
-        task: {label: [over_seeds([read_curve(run, metric) for run in runs]) for _, _, metric in PANELS]
+        task: {label: [over_seeds([read_curve(run, metric) for run in runs]) for _, _, metric in shown[task]]
                for label, runs in methods.items()}
         for task, methods in groups.items()
     }  # fmt: skip
     notes = [f"no curve yet: {label} on {task}" for task in found for label, c in found[task].items() if not any(c)]
     drawn = {task: {label: c for label, c in methods.items() if any(c)} for task, methods in found.items()}
-    files = [path for task, methods in drawn.items() if methods for path in _figure(task, methods, out)]
+    files = [path for task, methods in drawn.items() if methods for path in _figure(task, shown[task], methods, out)]
     if not files:
         count = sum(len(runs) for methods in groups.values() for runs in methods.values())
         raise UserError(f"none of the runs in {folder} ({count}) has a curve yet; let one train for an iteration")
     return files, notes
+
+
+def panels(runs: Sequence[Run]) -> list[tuple[str, str, str]]:
+    """What is drawn of runs: title, unit and metric; two more for each other task that one was evaluated on."""
+    columns = {name for run in runs for row in read_rows(run.path / CSV) for name, value in row.items() if value}
+    more = [
+        (f"evaluation on {task}: {title}", unit, metric.format(task))
+        for task in TASKS
+        if ELSEWHERE[0][2].format(task) in columns
+        for title, unit, metric in ELSEWHERE
+    ]
+    return [*PANELS, *more]
 
 
 def _groups(runs: Sequence[Run]) -> dict[str, dict[str, list[Run]]]:
@@ -116,15 +132,18 @@ def _groups(runs: Sequence[Run]) -> dict[str, dict[str, list[Run]]]:
     return groups
 
 
-def _figure(task: str, methods: dict[str, list[Curve | None]], out: Path) -> list[Path]:
+def _figure(
+    task: str, shown: Sequence[tuple[str, str, str]], methods: dict[str, list[Curve | None]], out: Path
+) -> list[Path]:
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
     from matplotlib.ticker import EngFormatter
 
-    figure, axes = plt.subplots(2, 2, figsize=(11, 7), constrained_layout=True)
-    for i, (panel, axis) in enumerate(zip(PANELS, axes.flat, strict=True)):
+    lines = len(shown) // 2
+    figure, axes = plt.subplots(lines, 2, figsize=(11, 3.5 * lines), constrained_layout=True)
+    for i, (panel, axis) in enumerate(zip(shown, axes.flat, strict=True)):
         for color, (label, curves) in enumerate(methods.items()):
             _line(axis, curves[i], label, f"C{color}")
         axis.set(title=panel[0], xlabel="samples", ylabel=panel[1])

@@ -212,6 +212,7 @@ class DistillConfig:
     imitation: Share = 1.0  # share of the policy's samples in which it imitates; PPO in the rest
     std: Deviation = 0.3  # of the policy's exploration while it imitates, and where PPO begins
     learning_rate: LearningRate = 1e-3  # while it imitates
+    learning_rate_decay: bool = False  # falls linearly to 0 over the imitation
     minibatch: Samples = 512
     epochs: Passes = 2
 

@@ -13,10 +13,10 @@ import numpy as np
 from flax import traverse_util
 
 from loco_mjx import a1
-from loco_mjx.deploy import description, folder, graph
+from loco_mjx.deploy import description, folder, graph, trained
 from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.errors import UserError
-from loco_mjx.evaluation.policy import TrainedPolicy, load_policy, observation_shapes
+from loco_mjx.evaluation.policy import TrainedPolicy, observation_shapes
 from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
 from loco_mjx.networks.policies import STATE as STATE_KEY
 from loco_mjx.ppo import normalizer as normalizer_lib
@@ -32,7 +32,7 @@ def export(run: Path, out: Path) -> dict[str, Any]:
     """Writes the newest policy of a run.
 
     Args:
-        run: the run's directory.
+        run: the run's directory, or the folder of a policy that was exported.
         out: folder to write; made if it does not exist.
 
     Returns:
@@ -44,7 +44,7 @@ def export(run: Path, out: Path) -> dict[str, Any]:
     _check_out(out)
     _check_onnx_installed()
     evaluation = latest_evaluation(run)
-    return write(load_policy(run), out, evaluation)
+    return write(trained.load(run), out, evaluation)
 
 
 def write(policy: TrainedPolicy, out: Path, evaluation: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -154,11 +154,13 @@ def describe(policy: TrainedPolicy, evaluation: dict[str, Any] | None) -> dict[s
 
 
 def latest_evaluation(run: Path) -> dict[str, Any] | None:
-    """The metrics of a run's newest evaluation; None if it has none.
+    """The metrics of a run's newest evaluation, or those that an exported policy came with; None if there are none.
 
     Raises:
-        UserError: if its file is damaged.
+        UserError: if the file is damaged.
     """
+    if trained.is_exported(run):
+        return folder.read(run).raw["training"]["evaluation"]
     files = sorted((run / "evaluation").glob("*.json"), key=lambda path: path.stat().st_mtime)
     if not files:
         return None

@@ -128,6 +128,21 @@ def read(folder: Path) -> Manifest:
     return build(raw)
 
 
+def parameters(folder: Path, manifest: Manifest) -> dict[str, np.ndarray]:
+    """The raw parameters by their path, and the normaliser's `normalizer/mean` and `normalizer/std`.
+
+    Raises:
+        UserError: if they are missing, or not those that the manifest describes.
+    """
+    path = folder / PARAMETERS
+    if not path.is_file():
+        raise UserError(f"{folder} has no {PARAMETERS}; export the run again")
+    if digest(path) != manifest.raw["files"].get(PARAMETERS, {}).get("sha256"):
+        raise UserError(f"{path} is not the file that {MANIFEST} describes; export the run again")
+    with np.load(path) as arrays:
+        return dict(arrays)
+
+
 def _load(folder: Path) -> dict[str, Any]:
     if not folder.is_dir():
         raise UserError(f"there is no policy folder {folder}; `loco-mjx export DIR --out {folder}` writes one")
@@ -170,7 +185,7 @@ def build(raw: Mapping[str, Any]) -> Manifest:
 
 
 def _check_files(folder: Path, recorded: Mapping[str, str]) -> None:
-    """The files are those that are described; all but the ONNX file may be absent, for nothing here reads them."""
+    """The files are those that are described; all but the ONNX file may be absent, for no robot needs them."""
     for name, wanted in recorded.items():
         path = folder / name
         if not path.is_file() and name == ONNX:

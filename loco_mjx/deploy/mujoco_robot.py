@@ -14,10 +14,12 @@ from loco_mjx import a1
 from loco_mjx.deploy.folder import Camera
 from loco_mjx.deploy.robot import Frame, RobotError, Sensors
 from loco_mjx.deploy.runner import SIT
+from loco_mjx.deploy.terrain_rays import TerrainRays
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import Range, check
 
 SEEN_GROUP, HIDDEN_GROUP = 2, 5  # geom groups: what the camera sees, and what has been collected
+GROUND_GROUP = 1  # heightfields, whose rays are cast apart; viewers show it, as they do SEEN_GROUP
 COLLECT_RADIUS = 0.2  # m, in xy
 MEMORY = 0.2  # s of measurements and images kept, and so the longest latency
 Latency = Annotated[float, Range(0, MEMORY)]
@@ -81,6 +83,7 @@ class MujocoRobot:
         self._frames: deque[Frame] = deque(maxlen=round(MEMORY / a1.CONTROL_DT) + 2)
         self._sensors: deque[Sensors] = deque(maxlen=round(MEMORY / a1.PHYSICS_DT) + 2)
         self._rays = None if camera is None else _directions(camera)
+        self._terrain = None if camera is None else TerrainRays(model, SEEN_GROUP, GROUND_GROUP)
         self._place(lying)
         self._sense()
         self._expose(first=True)
@@ -149,7 +152,7 @@ class MujocoRobot:
     def _render(self) -> np.ndarray:
         """(height, width) planar depth, m, of what is not the robot."""
         mujoco, camera = self._mujoco, self.camera
-        assert camera is not None and self._rays is not None
+        assert camera is not None and self._rays is not None and self._terrain is not None
         mujoco.mj_kinematics(self.model, self.data)  # after a step positions are still those before it
         trunk = self.data.body("trunk")
         rotation = trunk.xmat.reshape(3, 3)
@@ -165,6 +168,7 @@ class MujocoRobot:
         mujoco.mj_multiRay(
             self.model, self.data, origin, unit, groups, True, -1, hit, distance, None, len(rays), cutoff
         )
+        self._terrain.nearest(origin, unit, groups, hit, distance)
         depth = np.where(hit >= 0, distance / length, camera.far)
         return np.clip(depth, camera.near, camera.far).reshape(camera.height, camera.width)
 

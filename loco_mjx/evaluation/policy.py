@@ -65,16 +65,18 @@ def observation_shapes(config: Config) -> dict[str, tuple[int, ...]]:
     return shapes
 
 
+def parameter_shapes(config: Config, networks: Networks) -> Any:
+    """Shapes and types of a policy's parameters, as a pytree of ShapeDtypeStruct."""
+    obs = {name: jp.zeros((1, *shape)) for name, shape in observation_shapes(config).items()}
+    return jax.eval_shape(lambda: networks.init(jax.random.PRNGKey(0), obs))
+
+
 def _template(config: Config, networks: Networks) -> Any:
     """Shapes and types of what a checkpoint holds of a policy, on the first device."""
-    shapes = observation_shapes(config)
-
-    def policy() -> Any:
-        params = networks.init(jax.random.PRNGKey(0), {name: jp.zeros((1, *shape)) for name, shape in shapes.items()})
-        return {"params": params, "normalizer": normalizer_lib.create(shapes["state"][0])}
-
+    normalizer = jax.eval_shape(lambda: normalizer_lib.create(observation_shapes(config)["state"][0]))
+    policy = {"params": parameter_shapes(config, networks), "normalizer": normalizer}
     place = SingleDeviceSharding(jax.local_devices()[0])
-    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=place), jax.eval_shape(policy))
+    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=place), policy)
 
 
 def _to_stderr(text: str) -> None:

@@ -11,7 +11,7 @@ from rich.table import Table
 from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, summarize
-from loco_mjx.evaluation.policy import load_policy
+from loco_mjx.evaluation.policy import TrainedPolicy, load_policy
 from loco_mjx.evaluation.shown import UNITS as UNITS  # others name units alike
 from loco_mjx.evaluation.shown import caption, order
 from loco_mjx.mesh import make_mesh
@@ -48,13 +48,21 @@ def evaluate(
     """
     if task is not None:
         get_task(task)  # refuses an unknown name before anything is read
-    policy = load_policy(directory)
+    result = evaluate_policy(load_policy(directory), str(directory), task, episodes, seed, stochastic, randomize)
+    keep(directory, result)
+    return result
+
+
+def evaluate_policy(
+    policy: TrainedPolicy, name: str, task: str | None, episodes: int, seed: int, stochastic: bool, randomize: bool
+) -> dict[str, Any]:
+    """The same of a policy at hand, written nowhere; `name` is what the result calls it."""
     config = evaluation_config(policy.config.env, task, randomize)
     env = LocoEnv(config)
     program = Evaluator(env, policy.networks, config.horizon, make_mesh(), deterministic=not stochastic)
     figures = program.run(policy.params, policy.normalizer, seed, episodes)
-    result = {
-        "run": str(directory),
+    return {
+        "run": name,
         "policy": policy.config.policy,
         "trained_on": policy.config.env.task,
         "samples": policy.samples,
@@ -67,8 +75,6 @@ def evaluate(
         "episodes": {name: values.tolist() for name, values in figures.items()},
         "versions": about.versions(),
     }
-    keep(directory, result)
-    return result
 
 
 def keep(directory: Path, result: dict[str, Any]) -> None:

@@ -114,12 +114,19 @@ class DistillTrainer(Trainer):
         """As Trainer.learn, from what the teacher would have done."""
         config = self.imitating
         data = dataclasses.replace(data, label=self.labels(state.teacher, data.rollout.state, data.rollout.privileged))
-        rate = update_lib.learning_rate(config, state.iteration)
+        rate = self.rate(state.iteration)
         learned = (state.params, state.opt_state)
         learned, metrics = update_lib.update(
             self.networks, config, learned, data, key, rate, axis_name, self.chunk, loss_lib.imitation
         )
         return learned, metrics | {"learning_rate": rate}
+
+    def rate(self, iteration: jax.Array) -> jax.Array:
+        """() learning rate of an iteration of imitation: constant, or falling linearly to 0 at the last one's end."""
+        rate = jp.asarray(self.imitating.learning_rate, jp.float32)
+        if not self.config.distill.learning_rate_decay:
+            return rate
+        return rate * jp.maximum(1.0 - iteration.astype(jp.float32) / max(self.imitations, 1), 0.0)
 
     def labels(self, teacher: Teacher, state: jax.Array, privileged: jax.Array | None) -> jax.Array:
         """(T, B, actions) the teacher's mean actions at (T+1, B, ...) observations but the last, in [−1, 1]."""

@@ -30,6 +30,11 @@ def create(size: int) -> Normalizer:
     return Normalizer(jp.zeros((), jp.float32), jp.zeros(size, jp.float32), jp.zeros(size, jp.float32))
 
 
+def of(mean: jax.Array, std: jax.Array) -> Normalizer:
+    """Statistics with this mean and this :func:`std`, (n,) each, that weigh as much as one vector."""
+    return Normalizer(jp.ones((), jp.float32), jp.asarray(mean), jp.asarray(std) ** 2 - _EPSILON)
+
+
 def _psum(x: jax.Array, axis_name: str | None) -> jax.Array:
     return x if axis_name is None else jax.lax.psum(x, axis_name)
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
+import sys
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -23,7 +24,7 @@ from typing import Any
 import jax
 
 from loco_mjx.config import Config, to_dict
-from loco_mjx.errors import UserError
+from loco_mjx.errors import FULL, UserError, unwritable
 from loco_mjx.run.directory import EXTENDABLE, flatten, read_json, write_json
 
 CHECKPOINTS, STATE, POLICY, MANIFEST = "checkpoints", "state", "policy", "manifest.json"
@@ -72,11 +73,17 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config)
         _sync(final.parent)
     except (OSError, ValueError) as error:  # Orbax reports a full disk as a ValueError
         shutil.rmtree(partial, ignore_errors=True)
-        reason = getattr(error, "strerror", None) or str(error).strip().splitlines()[0]
-        reason = "no space left on the disk" if "No space left" in reason else reason
-        raise UserError(f"cannot write the checkpoint {final}: {reason}; make room or access") from error
+        raise unwritable(f"the checkpoint {final}", _system_error(error), "make room or access") from error
     _prune(directory)
     return final
+
+
+def _system_error(error: OSError | ValueError) -> OSError:
+    """What the system said, which Orbax hides in a text."""
+    if isinstance(error, OSError):
+        return error
+    known = (number for number in FULL if os.strerror(number) in str(error))
+    return OSError(next(known, None), str(error).strip().splitlines()[0])
 
 
 def whole_steps(directory: Path, say: Callable[[str], None], item: str = STATE) -> list[int]:
@@ -254,12 +261,26 @@ def _sync(folder: Path) -> None:
 
 
 class _quiet:  # noqa: N801
-    """Keeps Orbax's log lines and its threads' tracebacks out of the terminal; errors still reach the caller."""
+    """Keeps Orbax's log lines and its threads' tracebacks out of the terminal; errors still reach the caller.
+
+    After an error its other writes go on for a while: each fails to tell an event loop that is closed, or says that
+    nobody asked how it ended. So after one they stay quiet.
+    """
 
     def __enter__(self) -> None:
-        self._logger = logging.getLogger("absl")
-        self._level = self._logger.level
-        self._logger.setLevel(logging.CRITICAL)
+        self._levels = {logger: logger.level for logger in map(logging.getLogger, ("absl", "asyncio"))}
+        self._hook = sys.unraisablehook
+        for logger in self._levels:
+            logger.setLevel(logging.CRITICAL)
+        sys.unraisablehook = self._filter
 
-    def __exit__(self, *_: object) -> None:
-        self._logger.setLevel(self._level)
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is not None:
+            return
+        for logger, level in self._levels.items():
+            logger.setLevel(level)
+        sys.unraisablehook = self._hook
+
+    def _filter(self, unraisable: Any) -> None:
+        if str(unraisable.exc_value) != "Event loop is closed":
+            self._hook(unraisable)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from loco_mjx.config import Config, from_dict, to_dict
-from loco_mjx.errors import UserError
+from loco_mjx.errors import UserError, unwritable
 
 CONFIG, INFO, LOCK, PARTIAL = "config.json", "info.json", "lock", ".partial"
 EXTENDABLE = "ppo.total_steps"
@@ -63,7 +63,7 @@ def _writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise UserError(f"cannot write {path}: {error.strerror or error}; choose a writable directory") from error
+        raise unwritable(path, error, "choose a writable directory") from error
 
 
 def load_config(directory: Path) -> Config:
@@ -109,7 +109,7 @@ def reconcile(directory: Path, found: Config, wanted: Config) -> None:
         UserError: naming the first key that differs, with both values.
     """
     flat_found, flat_wanted = flatten(to_dict(found)), flatten(to_dict(wanted))
-    decays = found.ppo.learning_rate_decay
+    decays = found.ppo.learning_rate_decay or (found.method == "distill" and found.distill.learning_rate_decay)
     for key, value in flat_found.items():
         if value == flat_wanted[key] or (key == EXTENDABLE and not decays):
             continue

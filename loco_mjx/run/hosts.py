@@ -206,7 +206,7 @@ def _leave(error: BaseException) -> None:
         text = str(error) if isinstance(error, UserError) else f"{_LOST}; {_GO_ON}"
         sys.stdout.flush()
         _say_last("loco-mjx: " + " ".join(text.split()))
-        code = 2
+        code = error.code if isinstance(error, UserError) else 2
     else:
         traceback.print_exception(error)
     sys.stdout.flush()
@@ -263,12 +263,12 @@ def shared(text: str) -> str:
     return bytes(gathered(data)[0]).rstrip(b"\0").decode(errors="replace")
 
 
-def agreed(due: bool, stop: int | None) -> tuple[bool, int | None]:
-    """Whether the first process finds that it is time to save, and the signal that any process has had."""
+def agreed(due: bool, stop: int | None, failed: bool = False) -> tuple[bool, int | None, bool]:
+    """Whether the first process finds that it is time to save, any process's signal, whether any has failed."""
     if jax.process_count() == 1:
-        return due, stop
-    told = gathered(np.array([due, stop or 0], np.int32))
-    return bool(told[0, 0]), int(told[:, 1].max()) or None
+        return due, stop, failed
+    told = gathered(np.array([due, stop or 0, failed], np.int32))
+    return bool(told[0, 0]), int(told[:, 1].max()) or None, bool(told[:, 2].any())
 
 
 def on_first(action: Callable[[], None]) -> None:
@@ -278,15 +278,15 @@ def on_first(action: Callable[[], None]) -> None:
         UserError: as the action did.
     """
     gathered(0)
-    problem = ""
+    problem: UserError | None = None
     if is_first():
         try:
             action()
         except UserError as error:
-            problem = str(error)
-    problem = shared(problem)
-    if problem:
-        raise UserError(problem)
+            problem = error
+    text = shared("" if problem is None else str(problem))
+    if text:
+        raise problem or UserError(text)
 
 
 def check_same(text: str, what: str) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TextIO
 
-from loco_mjx.errors import UserError
+from loco_mjx.errors import unwritable
+from loco_mjx.run.events import Events
 
 CSV, TENSORBOARD, STEP, SECONDS = "metrics.csv", "tensorboard", "step", "time/seconds"
 
@@ -41,18 +43,15 @@ class Logger:
         Raises:
             UserError: without write access.
         """
-        from tensorboardX import SummaryWriter
-
         self._path = directory / CSV
         self._columns: list[str] = []
         self._file: TextIO | None = None
         try:
             self._rows = read_rows(self._path, up_to=step)
             self._rewrite(list(self._rows[0]) if self._rows else [STEP])
-            purge = step + 1 if step else None
-            self._curves = SummaryWriter(str(directory / TENSORBOARD), purge_step=purge)
+            self._events = Events(directory / TENSORBOARD, step + 1 if step else None)
         except OSError as error:
-            raise UserError(f"cannot write {self._path}: {error.strerror or error}; choose another --out") from error
+            raise unwritable(self._path, error, "choose another --out") from error
 
     @property
     def seconds(self) -> float:
@@ -60,7 +59,38 @@ class Logger:
         return float(self._rows[-1].get(SECONDS) or 0.0) if self._rows else 0.0
 
     def write(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Appends a row."""
+        """Appends a row.
+
+        Raises:
+            UserError: if the disk is full.
+        """
+        with self._writing():
+            self._append(step, metrics)
+            self._events.write(step, metrics)
+
+    def close(self, quietly: bool = False) -> None:
+        """Puts everything on the disk and closes the files; `quietly`: as far as it can be.
+
+        Raises:
+            UserError: if the disk is full.
+        """
+        if quietly:
+            with contextlib.suppress(OSError):
+                self._close_file()
+            self._events.abandon()
+            return
+        with self._writing():
+            self._close_file()
+            self._events.close()
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise unwritable(self._path.parent, error, "it has to stay writable") from error
+
+    def _append(self, step: int, metrics: Mapping[str, float]) -> None:
         row = {STEP: str(step)} | {name: _number(value) for name, value in metrics.items()}
         self._rows.append(row)
         new = [name for name in row if name not in self._columns]
@@ -69,28 +99,29 @@ class Logger:
         else:
             csv.DictWriter(self._file, self._columns, restval="").writerow(row)
             self._file.flush()
-        for name, value in metrics.items():
-            self._curves.add_scalar(name, value, step)
 
-    def close(self) -> None:
-        """Flushes and closes the files."""
-        if self._file is not None:
-            self._file.close()
-        self._curves.close()
+    def _close_file(self) -> None:
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
 
     def _rewrite(self, columns: list[str]) -> None:
         """Writes the whole file anew, under another name first, so that a kill loses nothing."""
         partial = self._path.with_suffix(".csv.partial")
-        if self._file is not None:
-            self._file.close()
+        self._close_file()
         self._columns = columns
-        with partial.open("w", newline="") as file:
-            writer = csv.DictWriter(file, columns, restval="", extrasaction="ignore")
-            writer.writeheader()
-            writer.writerows(self._rows)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(self._path)
+        try:
+            with partial.open("w", newline="") as file:
+                writer = csv.DictWriter(file, columns, restval="", extrasaction="ignore")
+                writer.writeheader()
+                writer.writerows(self._rows)
+                file.flush()
+                os.fsync(file.fileno())
+            partial.replace(self._path)
+        except OSError:
+            with contextlib.suppress(OSError):
+                partial.unlink()
+            raise
         self._file = self._path.open("a", newline="")
 
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, NoReturn, Protocol
 
 import jax
 import numpy as np
@@ -129,9 +129,7 @@ def run_group(
     """
     with Stop(reporter.say) as stop, contextlib.ExitStack() as files:
         state, samples = _begin(learner, runs, reporter)
-        records = [Record(run, samples) for run in runs]
-        for record in records:
-            files.callback(record.close)
+        records = [files.enter_context(Record(run, samples)) for run in runs]
         return _Loop(learner, records, options, reporter, evaluations, stop).run(state, samples)
 
 
@@ -180,8 +178,8 @@ class _Loop:
         pool = None
         if samples == 0 and len(self.records) > 1:  # where all stand together if a kill meets the first checkpoints
             self._save(state, 0)
-        _, signal = hosts.agreed(False, self.stop.signal)
-        while iteration < self.ppo.iterations and signal is None:
+        _, signal, failed = hosts.agreed(False, self.stop.signal)
+        while iteration < self.ppo.iterations and signal is None and not failed:
             if pool is None or iteration % self.ppo.pool_refresh == 0:
                 pool = self.learner.make_pool(iteration)
             state = self._iterate(state, pool, iteration)
@@ -189,10 +187,12 @@ class _Loop:
             self._say_age(iteration - first)
             samples = iteration * self.per_iteration
             due = time.monotonic() - saved_at >= 60 * self.options.checkpoint_minutes
-            due, signal = hosts.agreed(due, self.stop.signal)
-            if due:
+            due, signal, failed = hosts.agreed(due, self.stop.signal, self._failure() is not None)
+            if due and not failed:
                 self._save(state, samples)
                 saved, saved_at = samples, time.monotonic()
+        if failed:
+            self._give_up(state, samples, saved)
         if samples != saved:
             self._save(state, samples)
         self._tell_of_problems()
@@ -250,10 +250,30 @@ class _Loop:
         every = max(1, round(self.ppo.iterations / self.options.evaluations))
         return done in (1, self.ppo.iterations) or done % every == 0
 
+    def _failure(self) -> UserError | None:
+        return next((record.failure for record in self.records if record.failure is not None), None)
+
+    def _give_up(self, state: Any, samples: int, saved: int) -> NoReturn:
+        """Ends a run whose curves cannot be written, with a checkpoint if that can be."""
+        failure = self._failure() or UserError("the first process cannot write; its own last line says why")
+        kept = f"the checkpoint at {saved:,} samples is kept" if saved else "there is no checkpoint yet"
+        try:
+            self._save(state, samples)
+        except UserError:
+            raise type(failure)(f"{failure}; {kept}") from failure
+        raise type(failure)(f"{failure}; saved at {samples:,} samples") from failure
+
     def _save(self, state: Any, samples: int) -> None:
+        """Writes all runs' checkpoints; where one cannot be written, the others are."""
+        problems: list[UserError] = []
         for record, part in zip(self.records, self.learner.split(state), strict=True):
             if record.problem is None:
-                record.save(samples, part)
+                try:
+                    record.save(samples, part)
+                except UserError as error:
+                    problems.append(error)
+        if problems:
+            raise problems[0]
 
 
 def _rows(metrics: Mapping[str, Any], count: int) -> list[Row]:

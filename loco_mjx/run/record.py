@@ -31,6 +31,7 @@ class Record:
     Attributes:
         run: whose.
         problem: why it cannot go on, or None.
+        failure: what kept its curves from being written, or None.
     """
 
     def __init__(self, run: Run, samples: int) -> None:
@@ -39,10 +40,11 @@ class Record:
         Raises:
             UserError: without write access.
         """
-        self.run, self.problem = run, None
+        self.run, self.problem, self.failure = run, None, None
         self._logger = Logger(run.directory, samples) if hosts.is_first() else None
 
     problem: str | None
+    failure: UserError | None
 
     @property
     def seconds(self) -> float:
@@ -50,9 +52,13 @@ class Record:
         return self._logger.seconds if self._logger else 0.0
 
     def write(self, samples: int, row: Row) -> None:
-        """Appends a row to the curves."""
-        if self._logger is not None:
+        """Appends a row to the curves; where they cannot be written, `failure` says so."""
+        if self._logger is None:
+            return
+        try:
             self._logger.write(samples, row)
+        except UserError as error:
+            self.failure = error
 
     def save(self, samples: int, state: Any) -> None:
         """Writes a checkpoint of the whole state, wherever its parts lie; every process is to call it.
@@ -64,10 +70,17 @@ class Record:
         if self._logger is not None:
             checkpoint.save(self.run.directory, samples, state, policy_of(state), self.run.config)
 
-    def close(self) -> None:
-        """Closes the files."""
+    def __enter__(self) -> Record:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        """Closes the files.
+
+        Raises:
+            UserError: if the disk is full, unless an error is on its way already.
+        """
         if self._logger is not None:
-            self._logger.close()
+            self._logger.close(quietly=kind is not None)
 
     def check(self, row: Row, samples: int) -> bool:
         """Whether the run may go on; one whose losses or whose state hold what is no number may not.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,9 @@ def build_student(config: Config, teacher: Path) -> Any:
     return DistillTrainer(config, LocoEnv(config.env), Teacher(*given), make_mesh())
 
 
-def teach(run: Run, options: loop.LoopOptions, console: Console, command: list[str]) -> loop.Outcome | None:
+def teach(
+    run: Run, options: loop.LoopOptions, console: Console, command: list[str], eval_tasks: Sequence[str] = ()
+) -> loop.Outcome | None:
     """Trains the teacher of a run of method `distill`, in the run's folder `teacher`, or goes on with it.
 
     Returns:
@@ -62,28 +65,46 @@ def teach(run: Run, options: loop.LoopOptions, console: Console, command: list[s
     if found is not None and finished(place, config):
         return None
     console.print(f"first a teacher that sees what only a simulator knows, in {place}", soft_wrap=True)
-    outcome = train([Run(config, place)], options, console, command)
+    outcome = train([Run(config, place)], options, console, command, eval_tasks)
     return None if outcome.signal is None else outcome
 
 
-def evaluators(runs: Sequence[Run], trainer: Any, options: loop.LoopOptions) -> list[loop.Evaluate]:
-    """What the loop calls to see how each run's deterministic policy does; none where it is not to."""
+def evaluators(
+    runs: Sequence[Run], trainer: Any, options: loop.LoopOptions, eval_tasks: Sequence[str] = ()
+) -> list[loop.Evaluate]:
+    """What the loop calls to see how each run's deterministic policy does; none where it is not to.
+
+    Metrics of the run's own task keep their names, those of another begin with it: `wide/distance`.
+    """
     if not options.evaluations:
         return []
     from loco_mjx.env import LocoEnv
     from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, means
 
-    env_config = evaluation_config(runs[0].config.env)
-    program = Evaluator(LocoEnv(env_config), trainer.networks, env_config.horizon, trainer.mesh)
+    own = runs[0].config.env
+    configs = {task: evaluation_config(own, task) for task in dict.fromkeys((own.task, *eval_tasks))}
+    programs = {
+        "" if task == own.task else f"{task}/": Evaluator(LocoEnv(env), trainer.networks, env.horizon, trainer.mesh)
+        for task, env in configs.items()
+    }
 
-    def evaluator(config: Config) -> loop.Evaluate:
-        seed = (config.seed + EVALUATION_SEED) % 2**31
-        return lambda state: means(program.run(state.params, state.normalizer, seed, options.evaluation_episodes))
+    def evaluate(seed: int, state: Any) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for prefix, program in programs.items():
+            figures = program.run(state.params, state.normalizer, seed, options.evaluation_episodes)
+            found |= {prefix + name: value for name, value in means(figures).items()}
+        return found
 
-    return [evaluator(run.config) for run in runs]
+    return [partial(evaluate, (run.config.seed + EVALUATION_SEED) % 2**31) for run in runs]
 
 
-def train(runs: Sequence[Run], options: loop.LoopOptions, console: Console, command: list[str]) -> loop.Outcome:
+def train(
+    runs: Sequence[Run],
+    options: loop.LoopOptions,
+    console: Console,
+    command: list[str],
+    eval_tasks: Sequence[str] = (),
+) -> loop.Outcome:
     """Trains runs that differ in seed alone, or goes on training, all in one program.
 
     Args:
@@ -91,6 +112,7 @@ def train(runs: Sequence[Run], options: loop.LoopOptions, console: Console, comm
         options: when to save and to evaluate.
         console: for the table and the progress.
         command: the command line, for the record.
+        eval_tasks: evaluated on besides the one that is trained on.
 
     Raises:
         UserError: if they cannot start; nothing is written then.
@@ -103,7 +125,7 @@ def train(runs: Sequence[Run], options: loop.LoopOptions, console: Console, comm
     config = runs[0].config
     hosts.check_same(json.dumps(to_dict(config)), "configuration")
     if config.method == "distill":
-        stopped = teach(runs[0], options, console, command)
+        stopped = teach(runs[0], options, console, command, eval_tasks)
         if stopped is not None:
             return stopped
         trainer = build_student(config, runs[0].directory / directory.TEACHER)
@@ -124,7 +146,7 @@ def train(runs: Sequence[Run], options: loop.LoopOptions, console: Console, comm
         print_summary(console, config, about.devices(), count_parameters(trainer, config), seeds)
         reporter = Reporter(console, len(runs) * total(config), len(runs) * done)
         try:
-            return loop.run_group(learner, runs, options, reporter, evaluators(runs, trainer, options))
+            return loop.run_group(learner, runs, options, reporter, evaluators(runs, trainer, options, eval_tasks))
         finally:
             reporter.close()
 

@@ -10,7 +10,7 @@ import pytest
 from loco_mjx.cli import train
 from loco_mjx.cli.main import main
 from loco_mjx.run import checkpoint, start
-from tests.run.tiny import Interrupted, tiny_trainer
+from tests.run.tiny import Interrupted, Wordy, file_limit, tiny_trainer
 
 SMALL = [
     *("--policy", "state-only", "--preset", "paper", "--num-envs", "4", "--ppo.unroll", "8", "--ppo.minibatch", "16"),
@@ -121,6 +121,17 @@ def test_ctrl_c_saves_says_how_to_go_on_and_that_ends_like_an_uninterrupted_run(
     assert states[0][1] == states[1][1] == 192
     for a, b in zip(*(jax.tree.leaves(state) for state, _ in states), strict=True):
         np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
+
+
+def test_a_full_disk_is_one_line_and_exit_code_1_and_the_same_command_goes_on(capsys, monkeypatch):
+    monkeypatch.setattr(start, "build", lambda config: Wordy(tiny_trainer(config)))
+    command = [*RUN[:-1], "384", "--out", "run"]
+    with file_limit(60_000):
+        assert main(command) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("loco-mjx: cannot write run: ") and "saved at" in line
+    assert main(command) == 0
+    assert "finished: 384 samples" in capsys.readouterr().out
 
 
 def test_a_finished_run_says_so_and_can_be_extended(capsys, tmp_path):

@@ -47,6 +47,19 @@ def test_a_figure_per_task_with_a_line_per_policy(tmp_path, capsys):
     assert png.read_bytes().startswith(b"\x89PNG") and "<svg" in svg.read_text()
 
 
+def test_other_tasks_that_were_evaluated_on_have_panels_of_their_own(tmp_path):
+    columns = [*COLUMNS, "eval/wide/distance", "eval/wide/collisions", "eval/reward/alive"]
+    write_curve(write_run(tmp_path, seed=0), columns, [[100, 1.0, 1.0, 0.5, 3.0, 1.0], [200, 2.0, "", "", "", ""]])
+    write_curve(write_run(tmp_path, seed=1), COLUMNS, [[100, 1.0, 1.0]])
+    shown = curves.panels(find_runs(tmp_path))
+    assert shown[:4] == list(curves.PANELS)
+    assert [metric for _, _, metric in shown[4:]] == ["eval/wide/distance", "eval/wide/collisions"]
+    files, notes = curves.draw(tmp_path, tmp_path / "curves")
+    assert not notes
+    drawn = files[1].read_text()
+    assert "evaluation on wide: distance" in drawn and "evaluation on wide: collisions" in drawn
+
+
 def test_a_line_shows_its_mean_and_the_deviation_around_it():
     import matplotlib
 

@@ -147,6 +147,17 @@ def test_a_foot_stands_on_the_two_edges_of_a_gap_as_in_c():
     np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-3)
 
 
+def test_a_foot_squeezed_by_two_blocks_feels_both_as_in_c():
+    """A sphere of 4 cm between blocks 3.8 cm apart, shoved forward; with one slot one of them would let it through."""
+    middle = 0.183  # x of the front feet
+    full = scene([{"center": (middle + side * 0.069, 0.0, 0.015), "half": (0.05, 0.5, 0.015)} for side in (-1, 1)])
+    targets, shove = world.still(10), 0.4 * np.eye(18)[0]
+    theirs = c_rollout(scene_spec(full).compile(), standing(), targets, *GAIT, qvel=shove)
+    start = PhysicsState(jp.asarray(standing()), jp.asarray(shove, jp.float32), jp.zeros(18))
+    ours, _ = rollout([start], [full], targets, [_gait()], CONVERGED)
+    np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-3)
+
+
 def test_trot_on_flat_ground_follows_c():
     """Drift from C over 20 control steps (320 physics steps)."""
     targets = trot_targets(20)

@@ -22,6 +22,8 @@ from loco_mjx.physics.slots import (
     touch,
 )
 from loco_mjx.physics.stage import Stage
+from loco_mjx.scene.surface import ground_height
+from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import OBSTACLE, STEP, WALL, Terrain
 from tests.physics.world import scene, standing
 
@@ -140,6 +142,23 @@ def test_what_is_left_out_within_reach_is_counted():
     assert counted == sum(within) - 3 + 2
     assert near(scene(ring, trees), robot, PhysicsConfig(near_boxes=10, near_cylinders=4)).dropped == 0
     assert near(scene(ring, trees), far, PhysicsConfig(near_boxes=1, near_cylinders=1)).dropped == 0
+
+
+@pytest.mark.parametrize("task", ["wide", "moving", "heightfield", "random-shape", "indoor", "forest", "stairs"])
+def test_no_task_has_more_near_the_robot_than_is_felt(task):
+    def left_out(key):
+        scene_key, x_key, y_key, yaw_key = jax.random.split(key, 4)
+        world = TASKS[task].generate(scene_key)
+        # x ~ U(−1, 72) m, y ~ U(−2, 2) m, yaw ~ U(−π, π), standing on the ground
+        x, y = (jax.random.uniform(k, (64,), minval=a, maxval=b) for k, a, b in ((x_key, -1, 72), (y_key, -2, 2)))
+        half = jax.random.uniform(yaw_key, (64,), minval=-np.pi / 2, maxval=np.pi / 2)
+        z = jax.vmap(lambda x, y: ground_height(world, x, y))(x, y) + a1.STAND_HEIGHT
+        place = jp.stack([x, y, z, jp.cos(half), 0 * half, 0 * half, jp.sin(half)], axis=1)
+        robots = jp.concatenate([place, jp.broadcast_to(jp.array(a1.DEFAULT_POSE), (64, 12))], axis=1)
+        return jax.vmap(lambda robot: near(world, robot, PhysicsConfig()).dropped)(robots)
+
+    counts = jax.jit(lambda keys: jax.lax.map(left_out, keys))(jax.random.split(jax.random.PRNGKey(1), 8))
+    assert int(counts.max()) == 0
 
 
 def _touch(boxes: list[dict], trees: list[dict] = (), slots: int = 1, height: float = 1.0):

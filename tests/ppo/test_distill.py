@@ -122,6 +122,16 @@ def test_adam_begins_anew_with_ppo(run):
     assert [int(count) for count in counts] == [updates] * 2  # the policy's and the value's
 
 
+def test_the_rate_falls_where_it_is_asked_to(run):
+    trainer, teacher, *_ = run
+    assert [float(trainer.rate(jp.array(i))) for i in (0, IMITATIONS)] == pytest.approx([3e-3, 3e-3])
+    falling = dataclasses.replace(trainer.config.distill, learning_rate_decay=True)
+    config = dataclasses.replace(trainer.config, distill=falling)
+    other = DistillTrainer(config, KnownProbe(), teacher, make_mesh(jax.devices()[:2]))
+    rates = [float(other.rate(jp.array(i))) for i in (0, IMITATIONS // 2, IMITATIONS)]
+    assert rates == pytest.approx([3e-3, 3e-3 * (1 - (IMITATIONS // 2) / IMITATIONS), 0.0])
+
+
 def test_what_a_run_of_this_method_is_made_of():
     config = config_lib.with_method(Config(method="distill"))
     assert config.env.observation.privileged and config.network.critic == "privileged"

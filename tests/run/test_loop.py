@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from loco_mjx.errors import UserError
+from loco_mjx.errors import RunError, UserError
 from loco_mjx.ppo.train import Trainer
 from loco_mjx.run import checkpoint, loop
 from loco_mjx.run.progress import Reporter
-from tests.run.tiny import Interrupted, TinyEnv, mesh, tiny_config, tiny_trainer
+from tests.run.tiny import Interrupted, TinyEnv, Wordy, file_limit, mesh, tiny_config, tiny_trainer
 
 EVERY = loop.LoopOptions(checkpoint_minutes=0.0, evaluations=0)
 AT_THE_END = loop.LoopOptions(checkpoint_minutes=60.0, evaluations=0)
@@ -178,3 +178,32 @@ def test_plain_progress_names_what_matters(tmp_path, trainer):
     last = page.getvalue().splitlines()[-1]
     for word in ("64/64 samples", "samples/s", "left", "return", "distance", "KL"):
         assert word in last
+
+
+def test_curves_that_cannot_be_written_end_the_run_with_a_checkpoint(tmp_path, trainer, reporter):
+    """Events grow by 10 kB an iteration here, so that they alone meet the limit; then there is room again."""
+    config = tiny_config(12)
+    with file_limit(60_000), pytest.raises(RunError, match=r"allowed; make room, .* saved at \d+ samples$"):
+        loop.run(Wordy(trainer), config, tmp_path, AT_THE_END, reporter)
+    (saved,) = checkpoint.steps(tmp_path)
+    assert 0 < saved < 384
+    assert loop.run(Wordy(trainer), config, tmp_path, AT_THE_END, reporter) == loop.Outcome(384)
+    assert [int(row["step"]) for row in rows(tmp_path)] == list(range(32, 385, 32))
+
+
+def test_a_disk_that_takes_no_checkpoint_either_keeps_the_last_one(tmp_path, trainer, reporter):
+    config = tiny_config()
+    loop.run(trainer, tiny_config(3), tmp_path, AT_THE_END, reporter)
+    before = rows(tmp_path)
+    with file_limit((tmp_path / "metrics.csv").stat().st_size + 10), pytest.raises(RunError, match="96 samples is"):
+        loop.run(trainer, config, tmp_path, AT_THE_END, reporter)
+    assert checkpoint.steps(tmp_path) == [96] and rows(tmp_path)[:3] == before
+    assert loop.run(trainer, config, tmp_path, AT_THE_END, reporter) == loop.Outcome(192)
+    assert [int(row["step"]) for row in rows(tmp_path)] == [32, 64, 96, 128, 160, 192]
+
+
+def test_the_disk_that_fills_up_while_a_checkpoint_is_written_is_named(tmp_path, trainer, reporter):
+    loop.run(trainer, tiny_config(1), tmp_path, AT_THE_END, reporter)
+    with file_limit(8192), pytest.raises(RunError, match=r"cannot write the checkpoint .* allowed; make room"):
+        loop.run(trainer, tiny_config(2), tmp_path, AT_THE_END, reporter)
+    assert checkpoint.steps(tmp_path) == [32]

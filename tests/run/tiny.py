@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import resource
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -111,3 +114,28 @@ class Interrupted:
         if self._left == 0:
             self._action()
         return self._learner.iterate(state, pool)
+
+
+class Wordy:
+    """A learner with metrics of long names: their events are longer than anything else that a tiny run writes."""
+
+    def __init__(self, learner: Any, count: int = 40) -> None:
+        self._learner, self._more = learner, {f"{'filler' * 40}/{i}": 0.0 for i in range(count)}
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._learner, name)
+
+    def iterate(self, state: Any, pool: Any) -> Any:
+        state, metrics = self._learner.iterate(state, pool)
+        return state, metrics | self._more
+
+
+@contextlib.contextmanager
+def file_limit(size: int) -> Iterator[None]:
+    """Within, no file grows beyond so many bytes, as on a disk that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)

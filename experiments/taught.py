@@ -1,0 +1,84 @@
+"""What is learnt in minutes with a teacher: ``python -m experiments.taught``.
+
+LocoTransformer by `loco-mjx train --method distill` at its default sizes, on the tasks and seeds below; every run
+resumes, so the command can be typed again. Results go to ``experiments/results/cpu/taught/``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from experiments.learning import evaluate
+
+RESULTS = Path(__file__).parent / "results" / "cpu" / "taught"
+ELSEWHERE = {"mountain": (), "thin": ("wide",), "wide": ("thin",), "thin-sphere": (), "wide-sphere": (), "moving": ()}
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training run.
+
+    Attributes:
+        task: to train on.
+        seed: of everything random.
+    """
+
+    task: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Name of its directories."""
+        return f"{self.task}-seed{self.seed}"
+
+
+RUNS = tuple(Run(task, seed) for task in ("mountain", "thin") for seed in (0, 1, 2))
+RUNS += tuple(Run(task, 0) for task in ("wide", "thin-sphere", "wide-sphere", "moving"))
+
+
+def train(run: Run, directory: Path) -> None:
+    """Trains the teacher and its pupil, or goes on training."""
+    command = ["--task", run.task, "--method", "distill", "--seed", str(run.seed), "--out", str(directory)]
+    subprocess.run([sys.executable, "-m", "loco_mjx.cli.main", "train", *command], check=True)
+
+
+def keep(run: Run, directory: Path) -> None:
+    """Evaluates a run, and copies what the documents need into the results."""
+    tasks = (run.task, *ELSEWHERE[run.task])
+    results = {f"evaluation-{task}": evaluate(directory, task) for task in tasks}
+    target = RESULTS / run.name
+    target.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(directory / "config.json", target / "config.json")
+    for part, name in ((directory, "metrics.csv"), (directory / "teacher", "teacher-metrics.csv")):
+        shutil.copyfile(part / "metrics.csv", target / name)
+    info = json.loads((directory / "info.json").read_text())
+    for start in (info, *info.get("resumed", [])):
+        start["command"][start["command"].index("--out") + 1] = run.name  # not a path of the machine it ran on
+    for name, result in (results | {"info": info}).items():
+        (target / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+
+
+def main() -> None:
+    """Runs the experiments that the command line names, or all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", default=[run.name for run in RUNS], help="runs, e.g. mountain-seed0")
+    parser.add_argument("--runs", type=Path, default=Path("runs/taught"), help="where the run directories are")
+    parser.add_argument("--keep-only", action="store_true", help="train nothing; evaluate and keep what is trained")
+    options = parser.parse_args()
+    from loco_mjx.run import machine
+
+    machine.set_up()
+    for run in [run for run in RUNS if run.name in options.names]:
+        if not options.keep_only:
+            train(run, options.runs / run.name)
+        keep(run, options.runs / run.name)
+
+
+if __name__ == "__main__":
+    main()
