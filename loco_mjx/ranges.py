@@ -17,6 +17,8 @@ from typing import Annotated, Any, Literal, Union
 
 from loco_mjx.errors import UserError
 
+LONGEST = 160  # characters that are shown of a value
+
 
 @dataclass(frozen=True)
 class Range:
@@ -127,7 +129,8 @@ def _complaint_of_tuple(value: Any, parts: tuple[Any, ...]) -> str | None:
 
 
 def _shown(value: Any) -> str:
-    return f"'{value}'" if isinstance(value, str) else str(value)
+    text = f"'{value}'" if isinstance(value, str) else str(value)
+    return text if len(text) <= LONGEST else text[:LONGEST] + " …"
 
 
 def _plain(number: float) -> str:

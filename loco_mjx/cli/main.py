@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+from loco_mjx.cli import terminal
 from loco_mjx.errors import RunError, UnknownNameError, UserError, is_full
 
 VERBS: dict[str, str] = {
@@ -29,7 +30,7 @@ VERBS: dict[str, str] = {
 # Packages that an installation may lack, by the extra that brings them.
 _TRAIN = ("jax", "jaxlib", "flax", "optax", "mujoco", "orbax", "rich", "tensorboardX", "matplotlib")
 EXTRAS: dict[str, str] = dict.fromkeys((*_TRAIN, "imageio_ffmpeg"), "train")
-EXTRAS |= {"onnxruntime": "deploy", "onnx": "export", "pyrealsense2": "a1", "trimesh": "play"}
+EXTRAS |= {"onnxruntime": "deploy", "jsonschema": "deploy", "onnx": "export", "pyrealsense2": "a1", "trimesh": "play"}
 INTERRUPTED = 130
 
 
@@ -43,7 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code: 0; 2 for a mistake in what was asked; 1 for a full disk and the like; 130 if stopped by Ctrl-C.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    terminal.print_anything()
     try:
+        terminal.check_text(words)
         return _run(words)
     except UserError as error:
         print("loco-mjx: " + " ".join(str(error).split()), file=sys.stderr)
@@ -75,6 +78,12 @@ def _run(words: list[str]) -> int:
         raise UnknownNameError("command", verb, VERBS)
     try:
         code = importlib.import_module(f"loco_mjx.cli.{verb}").main(rest)
+    except OSError as error:
+        if error.errno not in (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR):
+            raise
+        raise UserError(
+            f"{error.strerror}: {error.filename!s:.200}; accepted: a path that exists or can be made"
+        ) from error
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if package not in EXTRAS:

@@ -59,7 +59,7 @@ def run_cell(cell: Cell, run: Runner, tick: Callable[[], None]) -> str | None:
 
 
 def _failure(what: str, code: int, log: Path) -> str:
-    lines = log.read_text(errors="replace").strip().splitlines() if log.is_file() else []
+    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines() if log.is_file() else []
     how = f"killed by signal {-code}" if code < 0 else f"exit code {code}"
     last = lines[-1].strip() if lines else "it printed nothing"
     return f"{what}: {how}: {last} (all of it: {log})"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import importlib.util
+import ipaddress
 import logging
 import os
 import signal
@@ -28,6 +29,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.run.directory import LOCK
 
 AUTO = "auto"  # the cluster that runs on this machine
+CLUSTERS = "ENABLE_RAY_CLUSTER"  # Ray's constant: whether nodes other than this one are ever to join
 CONNECT_SECONDS = 10.0
 RETRIES = 3
 SAVE_SECONDS = 300.0  # for a run that was told to stop: it ends its iteration first
@@ -140,7 +142,7 @@ class OnRay:
         except (ConnectionError, RuntimeError, ValueError, OSError) as error:
             if given:
                 raise UserError(f"no Ray cluster at {given}: {_line(error)}; give --ray-address HOST:PORT") from error
-            ray.init("local", include_dashboard=False, object_store_memory=OBJECT_STORE_BYTES, **quiet)
+            start_here(ray, include_dashboard=False, object_store_memory=OBJECT_STORE_BYTES, **quiet)
 
     def _problem(self, ray: Any, task: Any) -> str | None:
         """What went wrong with a task that ended, or None."""
@@ -150,6 +152,31 @@ class OnRay:
             return f"its worker died {self.retries + 1} times; the checkpoints remain, run the sweep again"
         except ray.exceptions.RayError as error:
             return f"Ray: {_line(error)}"
+
+
+def start_here(ray: Any, **options: Any) -> None:
+    """Starts a cluster on this machine that listens on its loopback alone: whoever reaches Ray's ports runs anything.
+
+    Ray on Linux turns a loopback address into one that others reach, on macOS and Windows it does the reverse; what
+    decides it there is a constant, read while a cluster starts.
+
+    Raises:
+        UserError: if this Ray would listen to others all the same.
+    """
+    from ray._private import ray_constants
+
+    before = getattr(ray_constants, CLUSTERS, True)
+    setattr(ray_constants, CLUSTERS, False)
+    try:
+        ray.init("local", **options)
+    finally:
+        setattr(ray_constants, CLUSTERS, before)
+    host = ray.get_runtime_context().gcs_address.rpartition(":")[0].strip("[]")
+    if not ipaddress.ip_address(host).is_loopback:
+        ray.shutdown()
+        raise UserError(
+            f"Ray {ray.__version__} would listen on {host}; start a cluster as you want it: `ray start --head`"
+        )
 
 
 def need(nodes: Sequence[Mapping[str, float]], cpus: int | None, gpus: float | None) -> Need:

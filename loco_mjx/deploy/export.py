@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,8 @@ import numpy as np
 from flax import traverse_util
 
 from loco_mjx import a1
-from loco_mjx.config import ObservationConfig, to_dict
-from loco_mjx.deploy import folder, graph, trained
-from loco_mjx.deploy.folder import DEPTH, STATE
-from loco_mjx.depth import encoding
-from loco_mjx.env import observation as obs_lib
+from loco_mjx.deploy import description, folder, graph, trained
+from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.policy import TrainedPolicy, observation_shapes
 from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
@@ -26,18 +22,10 @@ from loco_mjx.networks.policies import STATE as STATE_KEY
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.inference import make_inference
 from loco_mjx.run import about
-from loco_mjx.run.directory import write_json
+from loco_mjx.run.directory import read_json, write_json
 
 PLATFORMS = ("cpu", "cuda", "tpu")  # the StableHLO artefact runs on
 KEYS = {STATE: STATE_KEY, DEPTH: DEPTH_KEY}  # the environment's name of each input
-# What each field of `state` is: unit and meaning.
-FIELDS: dict[str, tuple[str, str]] = {
-    "displacement": ("m", "base displacement x, y, z over the last control step, world frame"),
-    "imu": ("rad, rad, rad/s, rad/s", "roll, pitch, roll rate, pitch rate; rates in the trunk's frame"),
-    "last_action": ("rad", "last joint targets minus the default pose, in the order of the joints"),
-    "angles": ("rad", "joint angles, in the order of the joints"),
-    "goal": ("m", "vector from the base to the goal, turned into the base's heading"),
-}
 
 
 def export(run: Path, out: Path) -> dict[str, Any]:
@@ -55,7 +43,8 @@ def export(run: Path, out: Path) -> dict[str, Any]:
     """
     _check_out(out)
     _check_onnx_installed()
-    return write(trained.load(run), out, latest_evaluation(run))
+    evaluation = latest_evaluation(run)
+    return write(trained.load(run), out, evaluation)
 
 
 def write(policy: TrainedPolicy, out: Path, evaluation: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -75,6 +64,7 @@ def write(policy: TrainedPolicy, out: Path, evaluation: dict[str, Any] | None = 
         raise UserError(f"cannot write into {out}: {error.strerror or error}; choose another --out") from error
     manifest = describe(policy, evaluation)
     manifest["files"] = {name: {"sha256": folder.digest(out / name)} for name in (*contents, folder.PARAMETERS)}
+    manifest[description.SEAL] = description.sealed(manifest)
     write_json(out / folder.MANIFEST, manifest)
     return manifest
 
@@ -157,70 +147,28 @@ def raw_parameters(policy: TrainedPolicy) -> dict[str, np.ndarray]:
 
 
 def describe(policy: TrainedPolicy, evaluation: dict[str, Any] | None) -> dict[str, Any]:
-    """The manifest, but for the files."""
-    config, env = to_dict(policy.config), policy.config.env
-    text = json.dumps(config, sort_keys=True)
-    randomization = env.randomization
-    return {
-        "format": folder.FORMAT,
-        "format_version": folder.VERSION,
-        "policy": policy.config.policy,
-        "inputs": {name: _describe_input(policy, name) for name in inputs(policy)},
-        "outputs": {folder.TARGETS: {"shape": [12], "unit": "rad", "meaning": "joint targets of the PD controller"}},
-        "joints": {
-            "order": a1.JOINTS,
-            "default_pose": a1.DEFAULT_POSE,
-            "lower": a1.JOINT_LOWER,
-            "upper": a1.JOINT_UPPER,
-            "torque_limit": a1.TORQUE_LIMIT,
-        },
-        "gains": {"kp": env.kp, "kd": env.kd, "unit": "N·m/rad, N·m·s/rad"},
-        "rates": {"policy_hz": round(1 / a1.CONTROL_DT), "pd_hz": round(1 / a1.PHYSICS_DT)},
-        "action": {"scale": env.action.scale, "diagonal": env.action.diagonal, "included_in_onnx": True},
-        "hold": policy.networks.hold,
-        "latency": {"trained_with": randomization.latency if randomization.enabled else (0.0, 0.0), "unit": "s"},
-        "training": {"task": env.task, "samples": policy.samples, "evaluation": evaluation},
-        "config_hash": hashlib.sha256(text.encode()).hexdigest(),
-        "config": config,
-        "versions": about.versions(),
-    }
-
-
-def _describe_input(policy: TrainedPolicy, name: str) -> dict[str, Any]:
-    shape = inputs(policy)[name]
-    if name == STATE:
-        return {"shape": shape, "normalised": False, "fields": _fields(policy.config.env.observation)}
-    camera = policy.config.env.observation.depth
-    keys = ("height", "width", "vertical_fov", "horizontal_fov", "near", "far", "frames")
-    return {
-        "shape": shape,
-        "order": "row 0 on top, column 0 on the left, frame 0 the newest, one per tick; copies at the start",
-        "depth": "planar, along the optical axis, m; clipped to [near, far], misses and holes read far",
-        "encoding": "(sqrt(ln(d + 1)) - code_offset) / code_scale",
-        "camera": {key: getattr(camera, key) for key in keys}
-        | {"offset": a1.CAMERA_OFFSET, "code_offset": encoding.OFFSET, "code_scale": encoding.SCALE},
-    }
-
-
-def _fields(config: ObservationConfig) -> list[dict[str, Any]]:
-    sizes = {name: (size, config.state_frames) for name, size in obs_lib.sensors(config).items()}
-    if config.goal:
-        sizes["goal"] = (3, 1)
-    fields, offset = [], 0
-    for name, (size, frames) in sizes.items():
-        unit, meaning = FIELDS[name]
-        about_it = {"name": name, "offset": offset, "size": size, "frames": frames, "order": "newest first"}
-        fields.append(about_it | {"unit": unit, "meaning": meaning})
-        offset += size * frames
-    return fields
+    """The manifest, but for the files and its own hash."""
+    described = description.describe(policy.config, list(inputs(policy)), policy.networks.hold)
+    training = {"task": policy.config.env.task, "samples": policy.samples, "evaluation": evaluation}
+    return described | {"training": training, "versions": about.versions()}
 
 
 def latest_evaluation(run: Path) -> dict[str, Any] | None:
-    """The metrics of a run's newest evaluation, or those that an exported policy came with; None if there are none."""
+    """The metrics of a run's newest evaluation, or those that an exported policy came with; None if there are none.
+
+    Raises:
+        UserError: if the file is damaged.
+    """
     if trained.is_exported(run):
         return folder.read(run).raw["training"]["evaluation"]
     files = sorted((run / "evaluation").glob("*.json"), key=lambda path: path.stat().st_mtime)
     if not files:
         return None
-    result = json.loads(files[-1].read_text())
-    return {key: result[key] for key in ("task", "num_episodes", "seed", "samples", "randomized", "metrics")}
+    result = read_json(files[-1])
+    try:
+        found = {key: result[key] for key in ("task", "num_episodes", "seed", "samples", "randomized")}
+        figures = {name: {key: float(of[key]) for key in ("mean", "std")} for name, of in result["metrics"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise UserError(f"{files[-1]} is no evaluation ({error!r}); evaluate the run again, or remove it") from error
+    sound = {name: of for name, of in figures.items() if all(map(math.isfinite, of.values()))}
+    return found | {"metrics": sound}

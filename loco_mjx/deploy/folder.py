@@ -9,7 +9,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from loco_mjx.deploy import schema
+from loco_mjx.deploy.description import DEPTH, FORMAT, STATE, VERSION
 from loco_mjx.errors import UserError
 
-FORMAT, VERSION = "loco-mjx policy", 1
 MANIFEST, ONNX, PARAMETERS, STABLEHLO = "policy.json", "policy.onnx", "policy.npz", "policy.stablehlo"
-STATE, DEPTH, TARGETS = "state", "depth", "targets"
-SECTIONS = ("policy", "files", "inputs", "outputs", "joints", "gains", "rates", "action", "hold", "versions")
 
 
 @dataclass(frozen=True)
@@ -111,27 +109,23 @@ def read(folder: Path) -> Manifest:
     """The manifest of a policy folder, after checking that its files are there and the ones it speaks of.
 
     Raises:
-        UserError: if anything is missing, damaged, of another version, or not what the manifest says.
+        UserError: if anything is missing, unknown, damaged, of another version, not this robot's, or not what the
+            manifest says.
     """
     raw = _load(folder)
     if raw.get("format") != FORMAT:
         raise UserError(f"{folder / MANIFEST} is not a policy of loco-mjx; give a folder that `loco-mjx export` wrote")
     if raw.get("format_version") != VERSION:
         raise UserError(
-            f"{folder / MANIFEST} is of format version {raw.get('format_version')}, this loco-mjx reads {VERSION}; "
-            "export the run again with this version"
+            f"{folder / MANIFEST} is of format version {raw.get('format_version')!s:.20}, this loco-mjx reads "
+            f"{VERSION}; export the run again with this version"
         )
-    missing = [name for name in SECTIONS if name not in raw]
-    if missing:
-        raise UserError(f"{folder / MANIFEST} has no '{missing[0]}'; export the run again")
     try:
-        manifest = _manifest(raw)
-        recorded = str(raw["files"][ONNX]["sha256"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"{folder / MANIFEST} is damaged ({error}); export the run again") from error
-    _check_sizes(folder, manifest)
-    _check_onnx(folder, recorded)
-    return manifest
+        schema.check(raw)
+    except UserError as error:
+        raise UserError(f"{folder / MANIFEST} cannot be used: {error}; export the run again") from error
+    _check_files(folder, {name: str(about["sha256"]) for name, about in raw["files"].items()})
+    return build(raw)
 
 
 def parameters(folder: Path, manifest: Manifest) -> dict[str, np.ndarray]:
@@ -156,7 +150,7 @@ def _load(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         raise UserError(f"{folder} has no {MANIFEST}; give a folder that `loco-mjx export` wrote")
     try:
-        raw = json.loads(path.read_text())
+        raw = schema.parse(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise UserError(f"{path} cannot be read ({error}); export the run again") from error
     if not isinstance(raw, dict):
@@ -164,7 +158,8 @@ def _load(folder: Path) -> dict[str, Any]:
     return raw
 
 
-def _manifest(raw: Mapping[str, Any]) -> Manifest:
+def build(raw: Mapping[str, Any]) -> Manifest:
+    """What a manifest says that has been checked."""
     inputs, joints, gains, rates = raw["inputs"], raw["joints"], raw["gains"], raw["rates"]
     fields = inputs[STATE]["fields"] if STATE in inputs else []
     camera = None
@@ -189,31 +184,11 @@ def _manifest(raw: Mapping[str, Any]) -> Manifest:
     )
 
 
-def _check_sizes(folder: Path, manifest: Manifest) -> None:
-    """Everything in the manifest fits together."""
-    vectors = (manifest.default_pose, manifest.lower, manifest.upper, np.array(manifest.joints))
-    length = sum(field.size * field.frames for field in manifest.fields)
-    camera = manifest.camera
-    sound = {
-        "joints": all(vector.shape == (12,) for vector in vectors),
-        "joint limits": bool(np.all(manifest.lower < manifest.upper)),
-        "default pose": bool(
-            np.all((manifest.lower <= manifest.default_pose) & (manifest.default_pose <= manifest.upper))
-        ),
-        "state's fields": STATE not in manifest.shapes or manifest.shapes[STATE] == (length,),
-        "depth camera": camera is None or manifest.shapes[DEPTH] == (camera.height, camera.width, camera.frames),
-        "rates": manifest.policy_hz > 0 and manifest.pd_hz > 0 and manifest.pd_hz % manifest.policy_hz == 0,
-        "gains": 0 < manifest.kp < 1000 and 0 <= manifest.kd < 100 and manifest.torque_limit > 0,
-        "hold": manifest.hold > 0,
-    }
-    for name, good in sound.items():
-        if not good:
-            raise UserError(f"{folder / MANIFEST}: {name} do not fit together; export the run again")
-
-
-def _check_onnx(folder: Path, recorded: str) -> None:
-    path = folder / ONNX
-    if not path.is_file():
-        raise UserError(f"{folder} has no {ONNX}; export the run again")
-    if digest(path) != recorded:
-        raise UserError(f"{path} is not the file that {MANIFEST} describes; export the run again")
+def _check_files(folder: Path, recorded: Mapping[str, str]) -> None:
+    """The files are those that are described; all but the ONNX file may be absent, for no robot needs them."""
+    for name, wanted in recorded.items():
+        path = folder / name
+        if not path.is_file() and name == ONNX:
+            raise UserError(f"{folder} has no {ONNX}; export the run again")
+        if path.is_file() and digest(path) != wanted:
+            raise UserError(f"{path} is not the file that {MANIFEST} describes; export the run again")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from loco_mjx.config import Config
-from loco_mjx.deploy.folder import DEPTH, STATE, TARGETS
+from loco_mjx.deploy.description import DEPTH, STATE, TARGETS
 from loco_mjx.errors import UserError
 
 OPSET, IR_VERSION = 17, 8  # LayerNormalization came with 17; onnxruntime 1.14 and TensorRT 8.6 read both

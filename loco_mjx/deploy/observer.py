@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from loco_mjx.deploy.folder import DEPTH, STATE, Camera, Manifest
+from loco_mjx.deploy.description import DEPTH, STATE
+from loco_mjx.deploy.folder import Camera, Manifest
 from loco_mjx.deploy.robot import Frame, Sensors
 from loco_mjx.errors import UserError
 

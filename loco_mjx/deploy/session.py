@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from loco_mjx.deploy.folder import ONNX, TARGETS, Manifest
+from loco_mjx.deploy.description import TARGETS
+from loco_mjx.deploy.folder import ONNX, Manifest
 from loco_mjx.errors import UserError
 
 FLOAT = "tensor(float)"

@@ -146,6 +146,7 @@ def damage(checkpoint: Path, item: str) -> str | None:
     """What is wrong with the files of a checkpoint, or None."""
     try:
         manifest = read_json(checkpoint / MANIFEST)
+        flatten(manifest["config"])
         expected = {name: tuple(size_and_sum) for name, size_and_sum in manifest["files"].items()}
     except (UserError, KeyError, TypeError, AttributeError, ValueError):
         return f"checkpoint {checkpoint} is cut short (its {MANIFEST} is missing or damaged)"

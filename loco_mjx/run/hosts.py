@@ -8,6 +8,7 @@ With one process, which is the rule, everything here does nothing.
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import os
 import signal
 import socket
@@ -103,7 +104,9 @@ def joined(where: Place | None) -> Iterator[None]:
     with _watched():
         try:
             _connect(where, CONNECT_SECONDS)
-            with contextlib.redirect_stdout(sys.stdout if where.process == 0 else open(os.devnull, "w")):
+            with contextlib.redirect_stdout(
+                sys.stdout if where.process == 0 else open(os.devnull, "w", errors="replace")
+            ):
                 yield
             jax.distributed.shutdown()
         except BaseException as error:
@@ -119,21 +122,44 @@ def _connect(where: Place, seconds: float) -> None:
     timer = threading.Timer(seconds, lambda: _leave(UserError(late)))
     timer.daemon = True
     timer.start()
-    explicit = {} if where.coordinator is None else {"cluster_detection_method": "deactivate"}
+    more: dict[str, Any] = {} if where.coordinator is None else {"cluster_detection_method": "deactivate"}
+    address = where.coordinator or slurm_loopback(os.environ)
+    if address is not None and on_loopback(address):
+        more["coordinator_bind_address"] = address  # JAX's own default is every interface, and it asks nobody's name
     try:
         jax.distributed.initialize(
-            where.coordinator,
+            address,
             where.count,
             where.process,
             initialization_timeout=int(seconds) + 30,
             heartbeat_timeout_seconds=HEARTBEAT_SECONDS,
             shutdown_timeout_seconds=SHUTDOWN_SECONDS,
-            **explicit,  # type: ignore[arg-type]
+            **more,
         )
     except (RuntimeError, ValueError, OSError) as error:
         raise UserError(f"cannot join the other processes: {str(error).splitlines()[0]}") from error
     finally:
         timer.cancel()
+
+
+def on_loopback(address: str) -> bool:
+    """Whether HOST:PORT is this machine's loopback.
+
+    Names other than `localhost` are not looked up: a host may know its own by a loopback address, and others not.
+    """
+    host = address.rpartition(":")[0].strip("[]")
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def slurm_loopback(environment: Mapping[str, str]) -> str | None:
+    """HOST:PORT on the loopback where all tasks of a SLURM step are on one node; None where JAX is to find it."""
+    job = environment.get("SLURM_JOB_ID", "")
+    if environment.get("SLURM_STEP_NUM_NODES") != "1" or not job.isdigit():
+        return None
+    return f"127.0.0.1:{2**16 - 2**12 + int(job) % 2**12}"  # the port that JAX itself takes
 
 
 def _await_coordinator(address: str, seconds: float) -> None:

@@ -13,6 +13,7 @@ import jax
 from rich.console import Console
 
 from loco_mjx.config import Config, teacher_of, to_dict
+from loco_mjx.errors import UserError
 from loco_mjx.run import about, checkpoint, directory, hosts, loop
 from loco_mjx.run.progress import Reporter
 from loco_mjx.run.record import Run, common_step
@@ -120,6 +121,7 @@ def train(
         found = directory.find(run.directory)
         if found is not None:
             directory.reconcile(run.directory, found, run.config)
+        check_record(run.directory / directory.INFO)
     config = runs[0].config
     hosts.check_same(json.dumps(to_dict(config)), "configuration")
     if config.method == "distill":
@@ -147,6 +149,17 @@ def train(
             return loop.run_group(learner, runs, options, reporter, evaluators(runs, trainer, options, eval_tasks))
         finally:
             reporter.close()
+
+
+def check_record(path: Path) -> None:
+    """Refuses a record of starts that another one cannot be added to.
+
+    Raises:
+        UserError: saying so.
+    """
+    info = directory.read_json(path) if path.exists() else {}
+    if not isinstance(info, dict) or not isinstance(info.get("resumed", []), list):
+        raise UserError(f"{path} does not say what the run ran with; restore it, or remove it")
 
 
 def group(trainer: Any, runs: Sequence[Run]) -> loop.GroupLearner:

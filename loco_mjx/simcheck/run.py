@@ -71,7 +71,7 @@ def simcheck(
         raise UserError(f"episodes is {episodes}; accepted: 1 or more")
     manifest = folder.read(policy)
     session = Session(manifest, policy)
-    config = evaluation_config(_trained(policy, manifest), task)
+    config = evaluation_config(config_lib.from_dict(config_lib.Config, manifest.raw["config"]).env, task)
     if solver is not None:
         physics = dataclasses.replace(config.physics, iterations=solver[0], ls_iterations=solver[1])
         config = dataclasses.replace(config, physics=physics)
@@ -100,13 +100,6 @@ def simcheck(
         "seconds": seconds,
         "versions": about.versions(),
     }
-
-
-def _trained(path: Path, manifest: folder.Manifest) -> config_lib.EnvConfig:
-    try:
-        return config_lib.from_dict(config_lib.Config, dict(manifest.raw["config"])).env
-    except (KeyError, TypeError) as error:
-        raise UserError(f"{path / folder.MANIFEST} has no usable 'config' ({error}); export the run again") from error
 
 
 def _replayed(again: Replayed) -> dict[str, Any]:

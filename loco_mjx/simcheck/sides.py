@@ -18,7 +18,8 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx import a1
-from loco_mjx.deploy.folder import DEPTH, STATE, Manifest
+from loco_mjx.deploy.description import DEPTH, STATE
+from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.mujoco_robot import HIDDEN_GROUP, SEEN_GROUP, MujocoRobot
 from loco_mjx.deploy.observer import Observer
 from loco_mjx.env.loco_env import LocoEnv

@@ -115,3 +115,23 @@ def test_bench_of_environment_and_training(monkeypatch):
     assert parts == pytest.approx(training["iteration_seconds"])
     assert training["per_second"] == pytest.approx(32 / training["iteration_seconds"])
     assert 0 < training["startup_seconds"] < 24 * 3600
+
+
+@pytest.mark.parametrize("content", ["{", "[]", "{}", '{"task": "thin", "metrics": [1]}', '"thin"'])
+def test_export_of_a_run_whose_newest_evaluation_is_damaged_is_one_line(content, trained, tmp_path, capsys):
+    (trained / "evaluation").mkdir()
+    (trained / "evaluation" / "thin-32-seed0.json").write_text(content)
+    assert main(["export", str(trained), "--out", str(tmp_path / "policy")]) == 2
+    err = capsys.readouterr().err
+    assert "thin-32-seed0.json" in err and len(err.splitlines()) == 1
+    assert not (tmp_path / "policy").exists()
+
+
+@pytest.mark.parametrize("config", [None, [], "thin"])
+def test_a_checkpoint_whose_manifest_has_no_configuration_is_one_line(config, trained, capsys):
+    (path,) = trained.rglob("manifest.json")
+    manifest = {key: value for key, value in json.loads(path.read_text()).items() if key != "config"}
+    path.write_text(json.dumps(manifest if config is None else manifest | {"config": config}))
+    assert main(["evaluate", str(trained), "--episodes", "3"]) == 2
+    err = capsys.readouterr().err
+    assert "no whole checkpoint is left" in err and len(err.splitlines()) == 1

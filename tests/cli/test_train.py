@@ -84,6 +84,14 @@ def test_a_foreign_directory_is_left_alone(capsys, tmp_path):
     assert [entry.name for entry in (tmp_path / "mine").iterdir()] == ["data.txt"]
 
 
+@pytest.mark.parametrize("content", ["[]", '{"resumed": 3}', "7", "{"])
+def test_a_record_of_starts_that_is_none_is_refused_before_anything_is_written(content, capsys, tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "info.json").write_text(content)  # as a kill before the configuration leaves it
+    assert "info.json" in refused(capsys, *RUN, "--out", "run")
+    assert [entry.name for entry in (tmp_path / "run").iterdir()] == ["info.json"]
+
+
 def test_a_directory_of_another_run_is_left_alone(capsys, tmp_path):
     assert main([*RUN, "--out", "run"]) == 0
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}

@@ -15,9 +15,10 @@ from rich.console import Console
 from loco_mjx.cli.main import main
 from loco_mjx.compare import launch
 from loco_mjx.compare.execute import run_command
-from loco_mjx.compare.ray_launcher import Need, OnRay, _work, need
+from loco_mjx.compare.ray_launcher import Need, OnRay, _work, need, start_here
 from loco_mjx.run import directory
 from tests.compare.test_sweep import Stub, cells
+from tests.listening import family, listening
 
 ray = pytest.importorskip("ray")
 from ray.cluster_utils import Cluster  # noqa: E402
@@ -152,6 +153,18 @@ def test_a_worker_that_is_killed_and_cells_that_fail(cluster, tmp_path, capsys):
     again = Worker(notes(tmp_path, "again"))
     result, _ = sweep(cluster, found, capsys, again)
     assert len(result.skipped) == len(result.ran) == 2 and not result.failed and again.ran("/seed0") == []
+
+
+def test_a_cluster_started_for_a_sweep_listens_to_this_machine_alone():
+    before = listening(os.getpid())  # the two workers of the other tests
+    start_here(ray, include_dashboard=False, object_store_memory=80_000_000, log_to_driver=False, num_cpus=1)
+    try:
+        worker = ray.get(ray.remote(lambda: os.getpid()).remote())
+        found = [one for one in listening(os.getpid()) if one not in before]
+        assert worker in family(os.getpid()) and len(listening(worker)) == 1
+        assert len(found) > 4 and [one for one in found if not one.startswith("127.0.0.1:")] == []
+    finally:
+        ray.shutdown()
 
 
 def test_a_cell_that_no_node_holds(cluster, tmp_path, capsys):

@@ -236,6 +236,9 @@ BAD = {
     "episodes": (["--episodes", "0"], "episodes is 0"),
     "steps": (["--total-steps", "0"], "total-steps is 0"),
     "value": (["--set", "ppo.clip=x"], "ppo.clip"),
+    "two sizes": (["--num-envs", "8", "--set", "ppo.num_envs=16"], "--ppo.num-envs is 16"),
+    "two values": (["--set", "ppo.clip=0.1", "ppo.clip=0.2"], "--ppo.clip is given twice, as '0.1' and as '0.2'"),
+    "two presets": (["--preset", "fast", "--preset=paper"], "--preset is given twice"),
     "out": (["--out", "/dev/null"], "is a file"),
     "access": (["--out", "/proc/sweep"], "cannot write /proc/sweep"),
 }

@@ -10,44 +10,23 @@ import mujoco
 import numpy as np
 
 from loco_mjx import a1
+from loco_mjx.config import Config, DepthConfig, EnvConfig, NetworkConfig, ObservationConfig
 from loco_mjx.deploy import folder
+from loco_mjx.deploy.description import describe, sealed
 from loco_mjx.deploy.mujoco_robot import MujocoRobot
 from loco_mjx.deploy.runner import Runner
 
 A1 = Path(__file__).parents[2] / "mjcf" / "a1.xml"
-CAMERA = {
-    "height": 8,
-    "width": 8,
-    "vertical_fov": 60.0,
-    "horizontal_fov": 85.46,
-    "near": 0.3,
-    "far": 10.0,
-    "frames": 4,
-    "offset": a1.CAMERA_OFFSET,
-    "code_offset": 1.25,
-    "code_scale": 0.425,
-}
-SENSORS = (("displacement", 3), ("imu", 4), ("last_action", 12), ("angles", 12))
+SEEN = DepthConfig(height=8, width=8)
 
 
 def raw(hold: int = 1) -> dict:
-    """A manifest."""
-    fields = [{"name": name, "size": size, "frames": 3} for name, size in SENSORS]
-    joints = {"order": a1.JOINTS, "default_pose": a1.DEFAULT_POSE, "torque_limit": a1.TORQUE_LIMIT}
-    return {
-        "format": folder.FORMAT,
-        "format_version": folder.VERSION,
-        "policy": "made up",
-        "inputs": {"state": {"shape": [93], "fields": fields}, "depth": {"shape": [8, 8, 4], "camera": CAMERA}},
-        "outputs": {},
-        "joints": joints | {"lower": a1.JOINT_LOWER, "upper": a1.JOINT_UPPER},
-        "gains": {"kp": 40.0, "kd": 0.6},
-        "rates": {"policy_hz": 25, "pd_hz": 400},
-        "action": {},
-        "hold": hold,
-        "versions": {},
-        "files": {},
-    }
+    """A manifest without files, and so without its hash."""
+    env = EnvConfig(observation=ObservationConfig(depth=SEEN))
+    config = Config(policy="made up", env=env, network=NetworkConfig(hold=hold))
+    training = {"task": "thin", "samples": 8192, "evaluation": None}
+    versions = {"loco-mjx": "0"}
+    return describe(config, ("state", "depth"), hold) | {"training": training, "versions": versions, "files": {}}
 
 
 def write(path: Path, changes: dict | None = None, content: bytes | None = None) -> Path:
@@ -65,14 +44,20 @@ def write(path: Path, changes: dict | None = None, content: bytes | None = None)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
     model.ir_version = 8
     (path / folder.ONNX).write_bytes(model.SerializeToString() if content is None else content)
-    manifest = raw() | {"files": {folder.ONNX: {"sha256": folder.digest(path / folder.ONNX)}}} | (changes or {})
-    (path / folder.MANIFEST).write_text(json.dumps(manifest))
+    write_manifest(
+        path, raw() | {"files": {folder.ONNX: {"sha256": folder.digest(path / folder.ONNX)}}} | (changes or {})
+    )
     return path
+
+
+def write_manifest(path: Path, content: dict) -> None:
+    """A manifest that says so of itself, whatever it says."""
+    (path / folder.MANIFEST).write_text(json.dumps(content | {"sha256": sealed(content)}))
 
 
 def manifest(hold: int = 1) -> folder.Manifest:
     """The same, as it is read."""
-    return folder._manifest(json.loads(json.dumps(raw(hold))))
+    return folder.build(raw(hold))
 
 
 @cache

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loco_mjx.deploy.folder import Camera
 from loco_mjx.deploy.mujoco_robot import MujocoRobot
 from loco_mjx.deploy.realsense import SIZE, Intrinsics, RealSense, Sampler
 from loco_mjx.deploy.robot import RobotError
@@ -21,7 +20,7 @@ rs = optional.pyrealsense2()
 
 WIDTH, HEIGHT = SIZE
 UNIT = 0.001  # m
-CAMERA = Camera(**(flat.CAMERA | {"height": 64, "width": 64}))
+CAMERA = replace(flat.manifest().camera, height=64, width=64)
 # A D435's at 424 × 240: 87° × 58° about a centre that is a little off.
 D435 = Intrinsics(WIDTH, HEIGHT, fx=223.4, fy=216.5, ppx=212.3, ppy=118.6)
 

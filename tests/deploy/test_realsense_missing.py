@@ -4,7 +4,6 @@ import sys
 
 import pytest
 
-from loco_mjx.deploy.folder import Camera
 from loco_mjx.deploy.realsense import RealSense
 from loco_mjx.errors import UserError
 from tests.deploy import flat
@@ -26,5 +25,5 @@ def test_what_is_missing_is_named_with_the_line_that_installs_it(package, words,
     monkeypatch.delitem(sys.modules, "pyrealsense2", raising=False)
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(UserError, match=words) as raised:
-        RealSense(Camera(**flat.CAMERA), now=lambda: 0.0)
+        RealSense(flat.manifest().camera, now=lambda: 0.0)
     assert "\n" not in str(raised.value)

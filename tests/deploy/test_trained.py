@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from loco_mjx import policies
-from loco_mjx.deploy import export, folder, trained
+from loco_mjx.deploy import description, export, folder, trained
 from loco_mjx.errors import UserError
 from tests.deploy import made
 
@@ -30,7 +30,7 @@ def _sign(where: Path, name: str) -> None:
     """Has the manifest speak of a file as it is now."""
     manifest = json.loads((where / folder.MANIFEST).read_text())
     manifest["files"][name]["sha256"] = folder.digest(where / name)
-    (where / folder.MANIFEST).write_text(json.dumps(manifest))
+    (where / folder.MANIFEST).write_text(json.dumps(manifest | {"sha256": description.sealed(manifest)}))
 
 
 def _copy(exported: Path, to: Path) -> Path:

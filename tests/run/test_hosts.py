@@ -18,6 +18,7 @@ import pytest
 from loco_mjx.cli.main import main
 from loco_mjx.errors import UserError
 from loco_mjx.run import checkpoint, hosts, start
+from tests.listening import listening
 from tests.run.tiny import tiny_trainer
 
 ROOT = Path(__file__).parents[2]
@@ -67,6 +68,7 @@ def _slurm_pair(launch, words):
         "SLURM_STEP_NODELIST": "localhost",
         "SLURM_NTASKS": "2",
         "SLURM_STEP_NUM_TASKS": "2",
+        "SLURM_STEP_NUM_NODES": "1",
     }
     return [launch(words, **job, SLURM_PROCID=str(i), SLURM_LOCALID=str(i)) for i in range(2)]
 
@@ -122,6 +124,9 @@ def test_a_signal_to_any_process_stops_all_at_the_same_iteration_and_a_dead_one_
     words = [*QUIET, "--total-steps", "100000000", "--checkpoint-minutes", "0", "--out", str(tmp_path)]
     pair = _pair(launch, words)
     _await_rows(tmp_path, 2)
+    coordinator = pair[0].args[pair[0].args.index("--coordinator") + 1]
+    port = coordinator.rpartition(":")[2]  # the collectives' own sockets are where the host's name is
+    assert [one for one in listening(pair[0].pid) if one.endswith(f":{port}")] == [coordinator]
     pair[1].send_signal(signal.SIGTERM)
     first, second = (_end(process) for process in pair)
     assert first[0] == second[0] == 128 + signal.SIGTERM, (first, second)
@@ -189,3 +194,26 @@ def test_only_a_task_of_several_that_srun_started_is_one_of_several():
     task = batch_script | {"SLURM_STEP_NUM_TASKS": "2", "SLURM_PROCID": "1"}
     assert hosts.place(None, None, None, task) == hosts.Place(None, 1, 2)
     assert hosts.place("here:1", 0, 3, task) == hosts.Place("here:1", 0, 3)
+
+
+@pytest.mark.parametrize(
+    ("address", "loopback"),
+    [
+        ("localhost:1", True),
+        ("127.0.0.1:1", True),
+        ("127.3.2.1:1", True),
+        ("[::1]:1", True),
+        ("0.0.0.0:1", False),
+        ("10.0.0.1:1", False),
+        ("node1:1", False),
+    ],
+)
+def test_what_only_this_machine_reaches(address, loopback):
+    assert hosts.on_loopback(address) is loopback
+
+
+def test_a_step_of_slurm_on_one_node_stays_on_it():
+    step = {"SLURM_JOB_ID": "5000", "SLURM_STEP_NUM_NODES": "1"}
+    assert hosts.slurm_loopback(step) == "127.0.0.1:62344"
+    assert hosts.slurm_loopback(step | {"SLURM_STEP_NUM_NODES": "2"}) is None
+    assert hosts.slurm_loopback({"SLURM_JOB_ID": "5000"}) is None

@@ -1,0 +1,102 @@
+"""What ``policy.json`` says of a policy, as it follows from the run's configuration and the robot's own data.
+
+Export writes it, and whoever reads a policy folder compares: the two cannot disagree on what a number means. It needs
+no JAX.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from loco_mjx import a1
+from loco_mjx.config import Config, DepthConfig, ObservationConfig, to_dict
+
+FORMAT, VERSION = "loco-mjx policy", 2
+STATE, DEPTH, TARGETS = "state", "depth", "targets"
+SEAL = "sha256"  # the manifest's own hash
+# What each field of `state` is: size per frame, unit and meaning.
+FIELDS: dict[str, tuple[int, str, str]] = {
+    "displacement": (3, "m", "base displacement x, y, z over the last control step, world frame"),
+    "imu": (4, "rad, rad, rad/s, rad/s", "roll, pitch, roll rate, pitch rate; rates in the trunk's frame"),
+    "last_action": (12, "rad", "last joint targets minus the default pose, in the order of the joints"),
+    "angles": (12, "rad", "joint angles, in the order of the joints"),
+    "goal": (3, "m", "vector from the base to the goal, turned into the base's heading"),
+}
+NEWEST_FIRST = "newest first"
+ENCODING = "(sqrt(ln(d + 1)) - code_offset) / code_scale"
+CODE_OFFSET, CODE_SCALE = 1.25, 0.425
+
+
+def describe(config: Config, inputs: Collection[str], hold: int) -> dict[str, Any]:
+    """The part of the manifest that follows from the configuration, in JSON's types.
+
+    Args:
+        config: of the run.
+        inputs: what the policy reads: `state`, `depth` or both.
+        hold: ticks for which the depth that it is given is held.
+    """
+    env = config.env
+    observation, randomization, plain = env.observation, env.randomization, to_dict(config)
+    parts = {STATE: _state(observation), DEPTH: _depth(observation.depth)}
+    described = {
+        "format": FORMAT,
+        "format_version": VERSION,
+        "policy": config.policy,
+        "inputs": {name: part for name, part in parts.items() if name in inputs},
+        "outputs": {TARGETS: {"shape": [12], "unit": "rad", "meaning": "joint targets of the PD controller"}},
+        "joints": {
+            "order": a1.JOINTS,
+            "default_pose": a1.DEFAULT_POSE,
+            "lower": a1.JOINT_LOWER,
+            "upper": a1.JOINT_UPPER,
+            "torque_limit": a1.TORQUE_LIMIT,
+        },
+        "gains": {"kp": env.kp, "kd": env.kd, "unit": "N·m/rad, N·m·s/rad"},
+        "rates": {"policy_hz": round(1 / a1.CONTROL_DT), "pd_hz": round(1 / a1.PHYSICS_DT)},
+        "action": {"scale": env.action.scale, "diagonal": env.action.diagonal, "included_in_onnx": True},
+        "hold": hold,
+        "latency": {"trained_with": randomization.latency if randomization.enabled else (0.0, 0.0), "unit": "s"},
+        "config_hash": config_hash(plain),
+        "config": plain,
+    }
+    return json.loads(json.dumps(described))
+
+
+def config_hash(config: Mapping[str, Any]) -> str:
+    """SHA-256 of a configuration as JSON."""
+    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()
+
+
+def sealed(manifest: Mapping[str, Any]) -> str:
+    """SHA-256 of everything in a manifest but the hash itself, whatever the order and the spaces of its file."""
+    rest = {key: value for key, value in manifest.items() if key != SEAL}
+    text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _state(config: ObservationConfig) -> dict[str, Any]:
+    frames = {name: 1 if name == "goal" else config.state_frames for name in FIELDS}
+    absent = {"displacement": not config.displacement, "goal": not config.goal}
+    fields: list[dict[str, Any]] = []
+    offset = 0
+    for name in (name for name in FIELDS if not absent.get(name, False)):
+        size, unit, meaning = FIELDS[name]
+        part = {"name": name, "offset": offset, "size": size, "frames": frames[name], "order": NEWEST_FIRST}
+        fields.append(part | {"unit": unit, "meaning": meaning})
+        offset += size * frames[name]
+    return {"shape": [offset], "normalised": False, "fields": fields}
+
+
+def _depth(config: DepthConfig) -> dict[str, Any]:
+    keys = ("height", "width", "vertical_fov", "horizontal_fov", "near", "far", "frames")
+    return {
+        "shape": [config.height, config.width, config.frames],
+        "order": "row 0 on top, column 0 on the left, frame 0 the newest, one per tick; copies at the start",
+        "depth": "planar, along the optical axis, m; clipped to [near, far], misses and holes read far",
+        "encoding": ENCODING,
+        "camera": {key: getattr(config, key) for key in keys}
+        | {"offset": a1.CAMERA_OFFSET, "code_offset": CODE_OFFSET, "code_scale": CODE_SCALE},
+    }

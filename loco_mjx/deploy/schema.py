@@ -1,0 +1,223 @@
+"""Whether ``policy.json`` is one: a JSON Schema that holds the robot's own data, its own hash, its configuration."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from loco_mjx import a1
+from loco_mjx.config import Config, from_dict
+from loco_mjx.deploy import description
+from loco_mjx.deploy.description import DEPTH, SEAL, STATE, TARGETS
+from loco_mjx.errors import UserError
+
+LONGEST = 160  # characters that are shown of a value and of what is accepted, either of which may be a long list
+# Words for people: another version may find better ones for the same thing.
+WORDS = ("meaning", "depth", "order")
+
+
+def parse(text: str) -> Any:
+    """JSON, strictly: no NaN, no infinities, no key twice.
+
+    Raises:
+        ValueError: saying what is wrong with it.
+    """
+    try:
+        return json.loads(text, parse_constant=_no_number, parse_float=_finite, object_pairs_hook=_each_once)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def _no_number(word: str) -> Any:
+    raise ValueError(f"{word} is no number")
+
+
+def _finite(digits: str) -> float:
+    if not math.isfinite(float(digits)):
+        raise ValueError(f"{digits} is too large")
+    return float(digits)
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    for i, (key, _) in enumerate(pairs):
+        if any(other == key for other, _ in pairs[:i]):
+            raise ValueError(f"'{key}' is there twice")
+    return dict(pairs)
+
+
+def check(raw: Mapping[str, Any]) -> None:
+    """Checks all that a manifest says: its fields and their values, its hash, and that they fit its configuration.
+
+    Raises:
+        UserError: naming what is wrong, in one line.
+        ModuleNotFoundError: without the `deploy` extra.
+    """
+    from jsonschema import Draft202012Validator
+    from jsonschema.exceptions import best_match
+
+    error = best_match(Draft202012Validator(schema()).iter_errors(raw))
+    if error is not None:
+        raise UserError(_complaint(error))
+    if raw[SEAL] != description.sealed(raw):
+        raise UserError("it was changed after it was written: its hash is another")
+    config = from_dict(Config, raw["config"])
+    if raw["hold"] not in (1, config.network.hold):
+        raise UserError(f"hold is {raw['hold']}; accepted: 1 or the configuration's {config.network.hold}")
+    if raw["config_hash"] != description.config_hash(raw["config"]):
+        raise UserError("config_hash is not its configuration's")
+    # As the file has it: keys that this version knows and the one that wrote it did not are no difference.
+    wanted = description.describe(config, raw["inputs"], raw["hold"])
+    differs = _difference(raw, wanted | {key: raw[key] for key in ("config", "config_hash")})
+    if differs is None and raw["training"]["task"] != config.env.task:
+        differs = "training.task", raw["training"]["task"], config.env.task
+    if differs is not None:
+        name, found, accepted = differs
+        raise UserError(f"{name} is {_short(found)}; accepted, for its configuration: {_short(accepted)}")
+
+
+def _complaint(error: Any) -> str:
+    """A schema's error in one line: where, what is there, and what is accepted."""
+    place = ".".join(map(str, error.absolute_path)) or "policy.json"
+    if error.validator in ("required", "additionalProperties"):
+        return f"{place}: {error.message:.{LONGEST}}"
+    accepted = {"const": "", "enum": "one of ", "type": "a value of type ", "pattern": "text like "}
+    kind = accepted.get(error.validator, f"{error.validator} ")
+    return f"{place} is {_short(error.instance)}; accepted: {kind}{_short(error.validator_value)}"
+
+
+def _difference(found: Any, wanted: Any, name: str = "") -> tuple[str, Any, Any] | None:
+    """The first place where what was found is not what is wanted: its name and both; what is not wanted is free."""
+    if isinstance(wanted, dict) and isinstance(found, Mapping):
+        for key, value in wanted.items():
+            if key in WORDS and isinstance(value, str):
+                continue
+            part = f"{name}.{key}" if name else key
+            differs = _difference(found[key], value, part) if key in found else (part, "missing", value)
+            if differs is not None:
+                return differs
+        return None
+    if isinstance(wanted, list) and isinstance(found, list) and len(wanted) == len(found):
+        pairs = enumerate(zip(found, wanted, strict=True))
+        return next((d for i, (a, b) in pairs if (d := _difference(a, b, f"{name}.{i}")) is not None), None)
+    return None if found == wanted else (name, found, wanted)
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= LONGEST else text[:LONGEST] + " …"
+
+
+# The schema --------------------------------------------------------------------------------------------------------
+
+_TEXT = {"type": "string", "maxLength": 1000}
+_NAME = {"type": "string", "minLength": 1, "maxLength": 200}
+_HASH = {"type": "string", "pattern": "^[0-9a-f]{64}$"}
+
+
+def _object(properties: Mapping[str, Any], optional: tuple[str, ...] = ()) -> dict[str, Any]:
+    """An object with these keys and no others."""
+    required = [name for name in properties if name not in optional]
+    return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
+
+
+def _numbers(count: int, low: float, high: float) -> dict[str, Any]:
+    return {"type": "array", "items": _number(low, high), "minItems": count, "maxItems": count}
+
+
+def _number(low: float, high: float, kind: str = "number") -> dict[str, Any]:
+    return {"type": kind, "minimum": low, "maximum": high}
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema of ``policy.json``: what the robot is, as it is; what a policy may choose, in its ranges."""
+    joints = {
+        "order": {"const": list(a1.JOINTS)},
+        "default_pose": {"const": list(a1.DEFAULT_POSE)},
+        "lower": {"const": list(a1.JOINT_LOWER)},
+        "upper": {"const": list(a1.JOINT_UPPER)},
+        "torque_limit": {"const": a1.TORQUE_LIMIT},
+    }
+    rates = {"policy_hz": {"const": round(1 / a1.CONTROL_DT)}, "pd_hz": {"const": round(1 / a1.PHYSICS_DT)}}
+    files = dict.fromkeys(("policy.onnx", "policy.npz", "policy.stablehlo"), _object({"sha256": _HASH}))
+    action = {"scale": _numbers(3, 0, math.pi), "diagonal": {"type": "boolean"}, "included_in_onnx": {"const": True}}
+    return _object(
+        {
+            "format": {"const": description.FORMAT},
+            "format_version": {"const": description.VERSION},
+            "policy": _NAME,
+            "inputs": _object({STATE: _state(), DEPTH: _depth()}, (STATE, DEPTH)) | {"minProperties": 1},
+            "outputs": _object(
+                {TARGETS: _object({"shape": {"const": [12]}, "unit": {"const": "rad"}, "meaning": _TEXT})}
+            ),
+            "joints": _object(joints),
+            "gains": _object({"kp": _number(0, 500), "kd": _number(0, 50), "unit": {"const": "N·m/rad, N·m·s/rad"}}),
+            "rates": _object(rates),
+            "action": _object(action),
+            "hold": _number(1, 1000, "integer"),
+            "latency": _object({"trained_with": _numbers(2, 0, a1.CONTROL_DT), "unit": {"const": "s"}}),
+            "training": _object(
+                {
+                    "task": _NAME,
+                    "samples": _number(0, 2**31, "integer"),
+                    "evaluation": {"anyOf": [_NONE, _evaluation()]},
+                }
+            ),
+            "config_hash": _HASH,
+            "config": {"type": "object"},  # its own types and ranges are looked at by loco_mjx.config
+            "versions": {"type": "object", "additionalProperties": _TEXT},
+            "files": _object(files, ("policy.npz", "policy.stablehlo")),
+            SEAL: _HASH,
+        }
+    )
+
+
+_NONE = {"type": "null"}
+
+
+def _state() -> dict[str, Any]:
+    field = {
+        "name": {"enum": list(description.FIELDS)},
+        "offset": _number(0, 10_000, "integer"),
+        "size": _number(1, 12, "integer"),
+        "frames": _number(1, 64, "integer"),
+        "order": {"const": description.NEWEST_FIRST},
+        "unit": {"enum": sorted({unit for _, unit, _ in description.FIELDS.values()})},
+        "meaning": _TEXT,
+    }
+    fields = {"type": "array", "items": _object(field), "minItems": 1, "maxItems": len(description.FIELDS)}
+    size = {"type": "array", "items": _number(1, 10_000, "integer"), "minItems": 1, "maxItems": 1}
+    return _object({"shape": size, "normalised": {"const": False}, "fields": fields})
+
+
+def _depth() -> dict[str, Any]:
+    camera = {
+        "height": _number(1, 1024, "integer"),
+        "width": _number(1, 1024, "integer"),
+        "vertical_fov": _number(0, 180),
+        "horizontal_fov": _number(0, 180),
+        "near": _number(0, 1000),
+        "far": _number(0, 1000),
+        "frames": _number(1, 64, "integer"),
+        "offset": {"const": a1.CAMERA_OFFSET},
+        "code_offset": {"const": description.CODE_OFFSET},
+        "code_scale": {"const": description.CODE_SCALE},
+    }
+    shape = {"type": "array", "items": _number(1, 1024, "integer"), "minItems": 3, "maxItems": 3}
+    words = {"order": _TEXT, "depth": _TEXT, "encoding": {"const": description.ENCODING}}
+    return _object({"shape": shape, **words, "camera": _object(camera)})
+
+
+def _evaluation() -> dict[str, Any]:
+    figures = _object({"mean": {"type": "number"}, "std": {"type": "number"}})
+    return _object(
+        {
+            "task": _NAME,
+            "num_episodes": _number(1, 1_000_000, "integer"),
+            "seed": _number(0, 2**31, "integer"),
+            "samples": _number(0, 2**31, "integer"),
+            "randomized": {"type": "boolean"},
+            "metrics": {"type": "object", "additionalProperties": figures},
+        }
+    )
