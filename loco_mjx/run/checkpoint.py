@@ -4,16 +4,18 @@ A checkpoint is ``checkpoints/<step>/`` with two Orbax trees and a manifest:
 
 - ``state/``: everything training needs to go on: parameters, optimiser, normaliser, environments, keys, step
 - ``policy/``: parameters and normaliser alone, for evaluation
-- ``manifest.json``: step, configuration, and the size and CRC-32 of every file
+- ``manifest.json``: step, configuration, the size and CRC-32 of every file, and a CRC-32 of all of that
 
 It is written under another name and renamed when it is whole, so a directory with a number for a name is complete. The
-last two are kept; one that was damaged later is found out by its manifest, and the one before it is used.
+last two are kept; one that was damaged or renamed later is found out by its manifest, and the one before it is used.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import os
+import re
 import shutil
 import sys
 import zlib
@@ -29,6 +31,7 @@ from loco_mjx.run.directory import EXTENDABLE, flatten, read_json, write_json
 
 CHECKPOINTS, STATE, POLICY, MANIFEST = "checkpoints", "state", "policy", "manifest.json"
 KEEP = 2
+_NAME = r"[1-9]\d{12,}|\d{12}"  # as path_of makes them
 _PARTIAL, _OLD = ".partial-", ".old-"
 _BLOCK = 1 << 22  # bytes read at once
 
@@ -36,9 +39,26 @@ Policy = dict[str, Any]
 
 
 def steps(directory: Path) -> list[int]:
-    """The samples trained at each checkpoint of a run, newest first."""
+    """The samples trained at each checkpoint of a run, newest first, as their names have it.
+
+    Raises:
+        UserError: if there is a folder of checkpoints that cannot be read.
+    """
     folder = directory / CHECKPOINTS
-    return sorted((int(entry.name) for entry in folder.glob("[0-9]*") if entry.name.isdigit()), reverse=True)
+    try:
+        names = os.listdir(folder) if os.path.lexists(folder) else []
+    except OSError as error:
+        raise UserError(f"cannot read {folder}: {error.strerror or error}; restore or remove it") from error
+    return sorted((int(name) for name in names if re.fullmatch(_NAME, name, re.ASCII)), reverse=True)
+
+
+def newest(directory: Path) -> int:
+    """The samples trained at a run's newest checkpoint that is whole; 0 without one.
+
+    Raises:
+        UserError: as :func:`steps`.
+    """
+    return next((step for step in steps(directory) if damage(path_of(directory, step), STATE) is None), 0)
 
 
 def path_of(directory: Path, step: int) -> Path:
@@ -63,10 +83,12 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config)
     partial = final.with_name(_PARTIAL + final.name)
     try:
         shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
+        partial.parent.mkdir(exist_ok=True)  # but not the run's directory: whoever removes that wants it gone
+        partial.mkdir()
         _write_trees(partial, {STATE: state, POLICY: policy})
         files = {str(path.relative_to(partial)): _fingerprint(path) for path in _files(partial)}
-        write_json(partial / MANIFEST, {"step": step, "config": to_dict(config), "files": files})
+        manifest = {"step": step, "config": to_dict(config), "files": files}
+        write_json(partial / MANIFEST, manifest | {"checksum": _checksum(manifest)})
         if final.exists():  # a damaged checkpoint of the same step, from which this run did not resume
             shutil.rmtree(final)
         partial.rename(final)
@@ -147,8 +169,14 @@ def damage(checkpoint: Path, item: str) -> str | None:
     try:
         manifest = read_json(checkpoint / MANIFEST)
         expected = {name: tuple(size_and_sum) for name, size_and_sum in manifest["files"].items()}
+        step, checksum = manifest["step"], manifest.pop("checksum", None)
+        renamed = path_of(checkpoint.parent.parent, step).name != checkpoint.name
     except (UserError, KeyError, TypeError, AttributeError, ValueError):
         return f"checkpoint {checkpoint} is cut short (its {MANIFEST} is missing or damaged)"
+    if checksum not in (None, _checksum(manifest)):  # None: an older version's
+        return f"checkpoint {checkpoint} is damaged ({MANIFEST} has changed)"
+    if renamed:
+        return f"checkpoint {checkpoint} is one of {step:,} samples under another name"
     for name, size_and_sum in expected.items():
         if not name.startswith(item + "/"):
             continue
@@ -160,6 +188,10 @@ def damage(checkpoint: Path, item: str) -> str | None:
         if _fingerprint(path) != size_and_sum:
             return f"checkpoint {checkpoint} is damaged ({name} has changed)"
     return None
+
+
+def _checksum(manifest: dict[str, Any]) -> int:
+    return zlib.crc32(json.dumps(manifest, sort_keys=True).encode())
 
 
 def _check_config(checkpoint: Path, config: Config) -> None:

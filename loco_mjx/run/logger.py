@@ -94,11 +94,18 @@ class Logger:
         row = {STEP: str(step)} | {name: _number(value) for name, value in metrics.items()}
         self._rows.append(row)
         new = [name for name in row if name not in self._columns]
-        if new or self._file is None:
+        if new or self._file is None or not self._in_place(self._file):
             self._rewrite([*self._columns, *new])
         else:
             csv.DictWriter(self._file, self._columns, restval="").writerow(row)
             self._file.flush()
+
+    def _in_place(self, file: TextIO) -> bool:
+        """Whether the file is still that of the name; an editor may have put another one there."""
+        try:
+            return os.path.samestat(os.fstat(file.fileno()), self._path.stat())
+        except FileNotFoundError:
+            return False
 
     def _close_file(self) -> None:
         file, self._file = self._file, None

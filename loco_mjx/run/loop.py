@@ -255,6 +255,10 @@ class _Loop:
     def _give_up(self, state: Any, samples: int, saved: int) -> NoReturn:
         """Ends a run whose curves cannot be written, with a checkpoint if that can be."""
         failure = self._failure() or UserError("the first process cannot write; its own last line says why")
+        if not all(record.in_place() for record in self.records):
+            with contextlib.suppress(UserError):  # those of seeds whose directories are there
+                self._save(state, samples)
+            raise failure
         kept = f"the checkpoint at {saved:,} samples is kept" if saved else "there is no checkpoint yet"
         try:
             self._save(state, samples)

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from loco_mjx.config import Config
-from loco_mjx.errors import UserError
+from loco_mjx.errors import RunError, UserError
 from loco_mjx.run import checkpoint, hosts
+from loco_mjx.run.directory import CONFIG, LOCK
 from loco_mjx.run.logger import Logger
 
 Row = dict[str, float]
@@ -56,6 +57,7 @@ class Record:
         if self._logger is None:
             return
         try:
+            self._check_place()
             self._logger.write(samples, row)
         except UserError as error:
             self.failure = error
@@ -64,13 +66,15 @@ class Record:
         """Writes a checkpoint of the whole state, wherever its parts lie; every process is to call it.
 
         Raises:
-            UserError: if the disk is full or not writable.
+            UserError: if the disk is full or not writable, or the run's directory has gone.
         """
         state = hosts.whole(state)
         if self._logger is not None:
+            self._check_place()
             checkpoint.save(self.run.directory, samples, state, policy_of(state), self.run.config)
 
     def __enter__(self) -> Record:
+        self._place = _identities(self.run.directory)
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
@@ -81,6 +85,14 @@ class Record:
         """
         if self._logger is not None:
             self._logger.close(quietly=kind is not None)
+
+    def in_place(self) -> bool:
+        """Whether the run's directory is where it was; one that is being removed loses its files one by one."""
+        return _identities(self.run.directory) == self._place
+
+    def _check_place(self) -> None:
+        if not self.in_place():
+            raise RunError(f"{self.run.directory} has been removed or moved while it trained, so the run has ended")
 
     def check(self, row: Row, samples: int) -> bool:
         """Whether the run may go on; one whose losses or whose state hold what is no number may not.
@@ -108,6 +120,19 @@ def _diverged(row: Row) -> str | None:
     return None
 
 
+def _identities(directory: Path) -> list[tuple[int, int] | bool]:
+    """What tells a run's directory from another one in its place."""
+    found: list[tuple[int, int] | bool] = [(directory / CONFIG).exists()]  # which an editor may replace
+    for path in (directory, directory / LOCK):
+        try:
+            status = path.stat()
+        except OSError:
+            found.append(False)
+        else:
+            found.append((status.st_dev, status.st_ino))
+    return found
+
+
 def policy_of(state: Any) -> checkpoint.Policy:
     """The part of a training state that acts."""
     return {"params": state.params, "normalizer": state.normalizer}
@@ -124,7 +149,7 @@ def common_step(runs: Sequence[Run], say: Callable[[str], None] = lambda text: N
         UserError: if there is none, naming what is damaged, or where each run stands.
     """
     if len(runs) == 1:  # which may go on from any; restoring it says what is damaged
-        return next(iter(checkpoint.steps(runs[0].directory)), 0)
+        return checkpoint.newest(runs[0].directory)
     problems: list[str] = []
     stand = {run.directory: checkpoint.whole_steps(run.directory, problems.append) for run in runs}
     if not problems and not any(max(steps, default=0) for steps in stand.values()):

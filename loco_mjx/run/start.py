@@ -152,5 +152,5 @@ def total(config: Config) -> int:
 
 
 def finished(path: Path, config: Config) -> bool:
-    """Whether the run in a directory has nothing left to train."""
-    return next(iter(checkpoint.steps(path)), 0) >= total(config)
+    """Whether the run in a directory has nothing left to train: by its newest checkpoint that is whole."""
+    return checkpoint.newest(path) >= total(config)

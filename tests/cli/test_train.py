@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import signal
 import sys
 
@@ -138,6 +139,25 @@ def test_a_finished_run_says_so_and_can_be_extended(capsys, tmp_path):
     info = json.loads((folder / "info.json").read_text())
     assert info["samples"] == 0 and info["resumed"][0]["samples"] == 192
     assert info["command"][:2] == ["loco-mjx", "train"]
+
+
+@pytest.mark.parametrize("harm", ["empty", "damaged", "renamed"])
+def test_a_run_whose_last_checkpoint_is_not_whole_is_not_finished(harm, capsys, tmp_path):
+    longer = [*RUN[:-1], "256"] if harm == "renamed" else RUN
+    assert main([*RUN[:-1], "96", "--out", "run"]) == main([*RUN, "--out", "run"]) == 0
+    last = checkpoint.path_of(tmp_path / "run", 192)
+    if harm == "damaged":
+        max((path for path in last.rglob("state/**/*") if path.is_file()), key=os.path.getsize).write_bytes(b"")
+    elif harm == "empty":
+        shutil.rmtree(last)
+        last.mkdir()
+    else:
+        last.rename(checkpoint.path_of(tmp_path / "run", 256))
+    capsys.readouterr()
+    assert main([*longer, "--out", "run"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "going on from the one before it, at 96 samples" in said and "finished: " in said
+    assert checkpoint.whole_steps(tmp_path / "run", print)[0] == int(longer[-1])
 
 
 def test_a_run_is_resumed_to_its_own_length_where_none_is_given(capsys, tmp_path):

@@ -2,6 +2,7 @@ import csv
 import dataclasses
 import io
 import os
+import shutil
 import signal
 
 import jax
@@ -204,3 +205,35 @@ def test_the_disk_that_fills_up_while_a_checkpoint_is_written_is_named(tmp_path,
     with file_limit(8192), pytest.raises(RunError, match=r"cannot write the checkpoint .* allowed; make room"):
         loop.run(trainer, tiny_config(2), tmp_path, AT_THE_END, reporter)
     assert checkpoint.steps(tmp_path) == [32]
+
+
+def test_a_directory_that_is_removed_while_it_trains_ends_the_run_and_stays_removed(tmp_path, trainer, reporter):
+    place = tmp_path / "run"
+    place.mkdir()
+    with pytest.raises(RunError, match="has been removed or moved"):
+        loop.run(Interrupted(trainer, 3, lambda: shutil.rmtree(place)), tiny_config(), place, EVERY, reporter)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_directory_that_is_moved_keeps_its_last_checkpoint_and_nothing_is_written_in_its_old_place(
+    tmp_path, trainer, reporter
+):
+    place, other = tmp_path / "run", tmp_path / "other"
+    place.mkdir()
+    with pytest.raises(RunError, match="has been removed or moved"):
+        loop.run(Interrupted(trainer, 3, lambda: place.rename(other)), tiny_config(), place, EVERY, reporter)
+    assert not place.exists()
+    assert loop.run(trainer, tiny_config(), other, EVERY, reporter) == loop.Outcome(192)
+    assert [int(row["step"]) for row in rows(other)] == [32, 64, 96, 128, 160, 192]
+
+
+def test_curves_that_an_editor_replaces_or_removes_while_it_trains_lose_nothing(tmp_path, trainer, reporter):
+    curves = tmp_path / "metrics.csv"
+
+    def edit():
+        (tmp_path / "new").write_text(curves.read_text())
+        (tmp_path / "new").replace(curves)
+
+    learner = Interrupted(Interrupted(trainer, 2, edit), 4, curves.unlink)
+    loop.run(learner, tiny_config(), tmp_path, AT_THE_END, reporter)
+    assert [int(row["step"]) for row in rows(tmp_path)] == [32, 64, 96, 128, 160, 192]
