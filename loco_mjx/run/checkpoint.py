@@ -1,9 +1,10 @@
 """Checkpoints that survive a kill at any moment.
 
-A checkpoint is ``checkpoints/<step>/`` with two Orbax trees and a manifest:
+A checkpoint is ``checkpoints/<step>/`` with two Orbax trees, the curves and a manifest:
 
 - ``state/``: everything training needs to go on: parameters, optimiser, normaliser, environments, keys, step
 - ``policy/``: parameters and normaliser alone, for evaluation
+- ``curves.csv``: the rows of metrics.csv so far
 - ``manifest.json``: step, configuration, the size and CRC-32 of every file, and a CRC-32 of all of that
 
 It is written under another name and renamed when it is whole, so a directory with a number for a name is complete. The
@@ -12,6 +13,7 @@ last two are kept; one that was damaged or renamed later is found out by its man
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
@@ -27,9 +29,9 @@ import jax
 
 from loco_mjx.config import Config, to_dict
 from loco_mjx.errors import FULL, UserError, unwritable
-from loco_mjx.run.directory import EXTENDABLE, flatten, read_json, write_json
+from loco_mjx.run.directory import EXTENDABLE, flatten, open_new, read_json, write_json
 
-CHECKPOINTS, STATE, POLICY, MANIFEST = "checkpoints", "state", "policy", "manifest.json"
+CHECKPOINTS, STATE, POLICY, CURVES, MANIFEST = "checkpoints", "state", "policy", "curves.csv", "manifest.json"
 KEEP = 2
 _NAME = r"[1-9]\d{12,}|\d{12}"  # as path_of makes them
 _PARTIAL, _OLD = ".partial-", ".old-"
@@ -66,7 +68,7 @@ def path_of(directory: Path, step: int) -> Path:
     return directory / CHECKPOINTS / f"{step:012d}"
 
 
-def save(directory: Path, step: int, state: Any, policy: Policy, config: Config) -> Path:
+def save(directory: Path, step: int, state: Any, policy: Policy, config: Config, curves: str = "") -> Path:
     """Writes a checkpoint, then removes all but the last two.
 
     Args:
@@ -75,6 +77,7 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config)
         state: a pytree of arrays that this process holds whole, the full state of training.
         policy: a pytree of arrays, what evaluation needs.
         config: the run's configuration.
+        curves: the rows of its metrics.csv.
 
     Raises:
         UserError: if the disk is full or not writable.
@@ -82,19 +85,21 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config)
     final = path_of(directory, step)
     partial = final.with_name(_PARTIAL + final.name)
     try:
-        shutil.rmtree(partial, ignore_errors=True)
+        _remove(partial)
         partial.parent.mkdir(exist_ok=True)  # but not the run's directory: whoever removes that wants it gone
         partial.mkdir()
         _write_trees(partial, {STATE: state, POLICY: policy})
+        with open_new(partial / CURVES) as file:
+            file.write(curves)
         files = {str(path.relative_to(partial)): _fingerprint(path) for path in _files(partial)}
         manifest = {"step": step, "config": to_dict(config), "files": files}
         write_json(partial / MANIFEST, manifest | {"checksum": _checksum(manifest)})
-        if final.exists():  # a damaged checkpoint of the same step, from which this run did not resume
-            shutil.rmtree(final)
+        _remove(final)  # a damaged checkpoint of the same step, from which this run did not resume
         partial.rename(final)
         _sync(final.parent)
     except (OSError, ValueError) as error:  # Orbax reports a full disk as a ValueError
-        shutil.rmtree(partial, ignore_errors=True)
+        with contextlib.suppress(OSError):
+            _remove(partial)
         raise unwritable(f"the checkpoint {final}", _system_error(error), "make room or access") from error
     _prune(directory)
     return final
@@ -162,6 +167,17 @@ def restore(
         return None
     folder = directory / CHECKPOINTS
     raise UserError(f"{'; '.join(problems)}; no whole checkpoint is left: delete {folder} to start again")
+
+
+def curves(directory: Path, step: int) -> str | None:
+    """The rows of a run's metrics.csv as they were at a checkpoint; None if it has none, or damaged ones."""
+    checkpoint = path_of(directory, step)
+    try:
+        size_and_sum = tuple(read_json(checkpoint / MANIFEST)["files"][CURVES])
+        path = checkpoint / CURVES
+        return path.read_bytes().decode() if _fingerprint(path) == size_and_sum else None
+    except (UserError, KeyError, TypeError, OSError, UnicodeDecodeError):
+        return None
 
 
 def damage(checkpoint: Path, item: str) -> str | None:
@@ -261,7 +277,16 @@ def _prune(directory: Path) -> None:
         _take_away(path_of(directory, step))
     for prefix in (_PARTIAL, _OLD):
         for leftover in (directory / CHECKPOINTS).glob(prefix + "*"):
-            shutil.rmtree(leftover, ignore_errors=True)
+            with contextlib.suppress(OSError):
+                _remove(leftover)
+
+
+def _remove(path: Path) -> None:
+    """Removes a folder with its content; of a link itself, not what it leads to."""
+    if path.is_symlink() or path.is_file():
+        path.unlink()
+    elif path.exists():
+        shutil.rmtree(path)
 
 
 def _take_away(checkpoint: Path) -> None:

@@ -111,6 +111,7 @@ def run_group(
     options: LoopOptions,
     reporter: Reporter,
     evaluations: Sequence[Evaluate],
+    starting: Callable[[], None] = lambda: None,
 ) -> Outcome:
     """Trains runs side by side, from the newest step that all of them have a checkpoint of.
 
@@ -122,13 +123,17 @@ def run_group(
         options: when to save and to evaluate.
         reporter: shows all runs' samples together, and means over the runs.
         evaluations: one for each run, or none.
+        starting: called when everything is read that may be refused, before anything is written.
 
     Raises:
         UserError: if their checkpoints cannot be used or the disk cannot be written; at the end, if one diverged.
     """
     with Stop(reporter.say) as stop, contextlib.ExitStack() as files:
         state, samples = _begin(learner, runs, reporter)
-        records = [files.enter_context(Record(run, samples)) for run in runs]
+        records = [Record(run, samples, reporter.say) for run in runs]
+        starting()
+        for record in records:
+            files.enter_context(record)
         return _Loop(learner, records, options, reporter, evaluations, stop).run(state, samples)
 
 

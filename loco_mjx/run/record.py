@@ -35,17 +35,21 @@ class Record:
         failure: what kept its curves from being written, or None.
     """
 
-    def __init__(self, run: Run, samples: int) -> None:
-        """Opens the curves at the step the run starts or resumes from.
+    def __init__(self, run: Run, samples: int, say: Callable[[str], None] = lambda text: None) -> None:
+        """Reads the curves up to the step the run starts or resumes from; nothing is written before it is entered.
 
         Raises:
-            UserError: without write access.
+            UserError: if they cannot be read.
         """
         self.run, self.problem, self.failure = run, None, None
-        self._logger = Logger(run.directory, samples) if hosts.is_first() else None
+        self._logger = None
+        if hosts.is_first():
+            kept = checkpoint.curves(run.directory, samples) if samples else None
+            self._logger = Logger(run.directory, samples, kept, say)
 
     problem: str | None
     failure: UserError | None
+    _logger: Logger | None
 
     @property
     def seconds(self) -> float:
@@ -71,10 +75,18 @@ class Record:
         state = hosts.whole(state)
         if self._logger is not None:
             self._check_place()
-            checkpoint.save(self.run.directory, samples, state, policy_of(state), self.run.config)
+            policy, curves = policy_of(state), self._logger.text
+            checkpoint.save(self.run.directory, samples, state, policy, self.run.config, curves)
 
     def __enter__(self) -> Record:
+        """Opens the files.
+
+        Raises:
+            UserError: without write access.
+        """
         self._place = _identities(self.run.directory)
+        if self._logger is not None:
+            self._logger.open()
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:

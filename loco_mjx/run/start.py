@@ -111,18 +111,21 @@ def train(runs: Sequence[Run], options: loop.LoopOptions, console: Console, comm
     with contextlib.ExitStack() as claims:
         done = common_step(runs)
 
-        def begin() -> None:
+        def claim() -> None:
             for run in runs:
                 claims.enter_context(directory.claim(run.directory))
+
+        def record() -> None:
             for run in runs:
                 directory.record_start(run.directory, run.config, about.about(command) | {"samples": done})
 
-        hosts.on_first(begin)
+        hosts.on_first(claim)
         seeds = [run.config.seed for run in runs]
         print_summary(console, config, about.devices(), count_parameters(trainer, config), seeds)
         reporter = Reporter(console, len(runs) * total(config), len(runs) * done)
         try:
-            return loop.run_group(learner, runs, options, reporter, evaluators(runs, trainer, options))
+            evaluations = evaluators(runs, trainer, options)
+            return loop.run_group(learner, runs, options, reporter, evaluations, lambda: hosts.on_first(record))
         finally:
             reporter.close()
 

@@ -94,6 +94,37 @@ def test_a_directory_of_another_run_is_left_alone(capsys, tmp_path):
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
+def _cut(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def _loop(path):
+    path.rename(path.with_name("old"))
+    path.symlink_to(path)
+
+
+REFUSED = {
+    "checkpoints": (
+        lambda run: [_cut(path) for path in run.glob("checkpoints/*/manifest.json")],
+        "no whole checkpoint",
+    ),
+    "states": (lambda run: [_cut(path) for path in run.glob("checkpoints/*/state/_METADATA")], "no whole checkpoint"),
+    "loop": (lambda run: _loop(run / "checkpoints"), "checkpoints: Too many levels of symbolic links"),
+    "lock": (lambda run: _loop(run / "lock"), "lock is a symbolic link"),
+    "curves": (lambda run: ((run / "metrics.csv").unlink(), (run / "metrics.csv").mkdir()), "metrics.csv: Is a dir"),
+}
+
+
+@pytest.mark.parametrize(("harm", "words"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_cannot_go_on_is_one_line_and_nothing_is_written(harm, words, capsys, tmp_path):
+    assert main([*RUN[:-1], "32", "--out", "run"]) == 0
+    harm(tmp_path / "run")
+    before = {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")}
+    capsys.readouterr()
+    assert words in refused(capsys, *RUN, "--out", "run")
+    assert {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")} == before
+
+
 def test_ctrl_c_saves_says_how_to_go_on_and_that_ends_like_an_uninterrupted_run(capsys, tmp_path, monkeypatch):
     assert main([*RUN, "--out", "whole"]) == 0
     interrupt = lambda: os.kill(os.getpid(), signal.SIGINT)  # noqa: E731

@@ -123,6 +123,26 @@ def test_checkpoints_that_cannot_be_read_are_not_none(tmp_path, harm):
         checkpoint.steps(tmp_path)
 
 
+def test_what_lies_behind_a_link_is_not_touched(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "precious").write_text("data")
+    (tmp_path / "checkpoints").mkdir()
+    for name in (".partial-000000000001", "000000000001", ".old-000000000000"):
+        (tmp_path / "checkpoints" / name).symlink_to(tmp_path / "elsewhere")
+    save(tmp_path, 1)
+    assert restore(tmp_path)[0][1] == 1
+    assert (tmp_path / "elsewhere" / "precious").read_text() == "data"
+    assert [entry.name for entry in (tmp_path / "checkpoints").iterdir()] == ["000000000001"]
+
+
+def test_curves_come_back_unless_they_are_damaged(tmp_path):
+    checkpoint.save(tmp_path, 1, tree(1), tree(1), CONFIG, "step\r\n1\r\n")
+    assert checkpoint.curves(tmp_path, 1) == "step\r\n1\r\n"
+    (checkpoint.path_of(tmp_path, 1) / "curves.csv").write_text("step\r\n2\r\n")
+    assert checkpoint.curves(tmp_path, 1) is None and checkpoint.curves(tmp_path, 2) is None
+    assert checkpoint.newest(tmp_path) == 1  # a run goes on without them
+
+
 def test_one_clear_line_where_no_whole_checkpoint_is_left(tmp_path):
     save(tmp_path, 1)
     largest_file(checkpoint.path_of(tmp_path, 1) / "state").unlink()
