@@ -10,7 +10,7 @@ import pytest
 
 from loco_mjx.cli import train
 from loco_mjx.cli.main import main
-from loco_mjx.run import checkpoint, start
+from loco_mjx.run import checkpoint, progress, start
 from tests.run.tiny import Interrupted, Wordy, file_limit, tiny_trainer
 
 SMALL = [
@@ -145,6 +145,18 @@ def test_ctrl_c_saves_says_how_to_go_on_and_that_ends_like_an_uninterrupted_run(
     assert states[0][1] == states[1][1] == 192
     for a, b in zip(*(jax.tree.leaves(state) for state, _ in states), strict=True):
         np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
+
+
+def test_a_reader_that_leaves_is_told_on_stderr_how_to_go_on(capsys, tmp_path, monkeypatch):
+    read, write = os.pipe()
+    monkeypatch.setattr(start, "build", lambda config: Interrupted(tiny_trainer(config), 3, lambda: os.close(read)))
+    monkeypatch.setattr(progress, "LINE_SECONDS", 0.0)
+    with open(write, "w") as file, monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", file)
+        assert main([*RUN, "--out", "run"]) == 128 + signal.SIGPIPE
+    assert checkpoint.steps(tmp_path / "run")[0] == 96
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("loco-mjx: saved at 96 samples; to go on: ")
 
 
 def test_a_full_disk_is_one_line_and_exit_code_1_and_the_same_command_goes_on(capsys, monkeypatch):
