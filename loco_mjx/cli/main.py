@@ -46,9 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code: 0; 2 for a mistake in what was asked; 1 for a full disk and the like; 130 if stopped by Ctrl-C.
     """
     words = list(sys.argv[1:] if argv is None else argv)
-<<<<<<< HEAD
     terminal.print_anything()
-=======
     with Interrupt():
         code = _guarded(words)
     try:
@@ -60,7 +58,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _guarded(words: Sequence[str]) -> int:
     """Runs one command; what goes wrong becomes a line and an exit code."""
->>>>>>> w-A
     try:
         terminal.check_text(words)
         return _run(words)
@@ -97,17 +94,13 @@ def _run(words: Sequence[str]) -> int:
     if verb not in VERBS:
         raise UnknownNameError("command", verb, VERBS)
     try:
-<<<<<<< HEAD
-        code = importlib.import_module(f"loco_mjx.cli.{verb}").main(rest)
+        code = importlib.import_module(f"loco_mjx.cli.{verb}").main(list(rest))
     except OSError as error:
         if error.errno not in (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR):
             raise
         raise UserError(
             f"{error.strerror}: {error.filename!s:.200}; accepted: a path that exists or can be made"
         ) from error
-=======
-        code = importlib.import_module(f"loco_mjx.cli.{verb}").main(list(rest))
->>>>>>> w-A
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if package not in EXTRAS:

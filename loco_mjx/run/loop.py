@@ -7,23 +7,15 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-<<<<<<< HEAD
-from typing import Annotated, Any, NoReturn, Protocol
-=======
 from signal import SIGPIPE
-from typing import Any, NoReturn, Protocol
->>>>>>> w-A
+from typing import Annotated, Any, NoReturn, Protocol
 
 import jax
 import numpy as np
 
 from loco_mjx.config import Config
-<<<<<<< HEAD
-from loco_mjx.errors import UserError
-from loco_mjx.ranges import COUNT, Range
-=======
 from loco_mjx.errors import UserError, is_full, unwritable
->>>>>>> w-A
+from loco_mjx.ranges import COUNT, Range
 from loco_mjx.run import checkpoint, hosts, machine
 from loco_mjx.run.logger import SECONDS
 from loco_mjx.run.progress import Reporter

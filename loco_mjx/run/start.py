@@ -148,12 +148,8 @@ def train(
         print_summary(console, config, about.devices(), count_parameters(trainer, config), seeds)
         reporter = Reporter(console, len(runs) * total(config), len(runs) * done)
         try:
-<<<<<<< HEAD
-            return loop.run_group(learner, runs, options, reporter, evaluators(runs, trainer, options, eval_tasks))
-=======
-            evaluations = evaluators(runs, trainer, options)
+            evaluations = evaluators(runs, trainer, options, eval_tasks)
             return loop.run_group(learner, runs, options, reporter, evaluations, lambda: hosts.on_first(record))
->>>>>>> w-A
         finally:
             reporter.close()
 
