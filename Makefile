@@ -9,13 +9,14 @@ SEEDS ?= 0-4
 OUT ?= runs/sweep
 SCALE ?= 1
 ARGS ?=
+DEMO ?= mountain
 PYTHON ?= python3
 
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help setup train sweep paper test lint bench versions clean
+.PHONY: help setup demo train sweep paper test lint bench versions clean
 
 help:  ## Lists the targets.
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -26,6 +27,13 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $(STAMP)
+
+demo: $(STAMP)  ## Shows a trained policy, DEMO=mountain, that comes with the package: in the browser; without a display, as a film.
+ifeq ($(DISPLAY)$(WAYLAND_DISPLAY)$(filter Darwin,$(shell uname)),)
+	$(BIN)/loco-mjx play $(DEMO) --video $(DEMO).mp4 --overwrite $(ARGS)
+else
+	$(BIN)/loco-mjx play $(DEMO) --web $(ARGS)
+endif
 
 train: $(STAMP)  ## Trains POLICY on ENV, e.g. make train ENV=mountain POLICY=loco-transformer SEED=0 STEPS=1000000.
 	$(BIN)/loco-mjx train --task $(ENV) --policy $(POLICY) --seed $(SEED) $(if $(STEPS),--total-steps $(STEPS)) $(ARGS)

@@ -38,7 +38,9 @@ SIMCHECK = """## The exported policy in C MuJoCo and in MJX
 
 `python -m experiments.simcheck` exports these policies and compares (`loco-mjx simcheck POLICY --json`): the same ONNX
 file, scenes and starts; C MuJoCo with the full scene, every obstacle a real geom, and depth by `mj_multiRay`. The
-difference is C − MJX with the standard error of the paired mean.
+difference is C − MJX with the standard error of the paired mean. On a heightfield C's feet have the plane beneath them,
+as in training; "C's prisms": its own contacts, which push a foot sideways that is deeper in the ground than its radius
+(`loco_mjx/deploy/terrain_contacts.py`), so that robots trip over nothing.
 """
 REPLAY = """Episodes of 40 s with contacts are chaotic: pairs part, and the means of so few are as uncertain as the
 errors say. Seconds of them are not: every fourth second of MJX's episodes (solver {solver}) was run again in C from
@@ -130,7 +132,7 @@ def simcheck() -> str:
     again = [_sides(r, r["replay"], name, 4) for r in found for name in ("distance", "contacts")]
     for row, result in zip(again, [r for r in found for _ in range(2)], strict=True):
         row[3] = f"{result['replay']['windows']:,}"
-    away = [f"{r['policy']} on {r['task']} {r['replay']['targets']['mean']:.1e} rad" for r in found]
+    away = [f"{r['policy']} on {_where(r)} {r['replay']['targets']['mean']:.1e} rad" for r in found]
     solvers = {f"{r['physics']['iterations']} × {r['physics']['ls_iterations']}" for r in found}
     said = REPLAY.format(solver=" or ".join(sorted(solvers)), seconds=found[0]["replay"]["seconds"])
     replays = table([*head[:3], "seconds", *head[4:]], again)
@@ -141,11 +143,15 @@ def _sides(result: dict[str, Any], metrics: dict[str, Any], name: str, digits: i
     """A metric of both sides."""
     m = metrics[name]
     return [
-        *(result["policy"], f"{result['samples']:,}", result["task"], str(result["num_episodes"]), name),
+        *(result["policy"], f"{result['samples']:,}", _where(result), str(result["num_episodes"]), name),
         *(f"{m[f'{side}_mean']:.{digits}f} ± {m[f'{side}_std']:.{digits}f}" for side in ("c", "mjx")),
         "—" if m["ratio"] is None else f"{m['ratio']:.{digits + 1}f}",
         f"{m['difference']:+.{digits}f} ± {m['standard_error']:.{digits}f}",
     ]
+
+
+def _where(result: dict[str, Any]) -> str:
+    return result["task"] + (", C's prisms" if result.get("prisms") else "")
 
 
 def speed() -> str:

@@ -24,6 +24,7 @@ def main() -> None:
     parser.add_argument("names", nargs="+", help="runs, e.g. thin-state-only-seed0")
     parser.add_argument("--runs", type=Path, default=Path("runs/learning"), help="where the run directories are")
     parser.add_argument("--episodes", type=int, default=64, help="of each")
+    parser.add_argument("--prisms", action="store_true", help="leave C's own contacts with a heightfield")
     options = parser.parse_args()
     RESULTS.mkdir(parents=True, exist_ok=True)
     program = [sys.executable, "-m", "loco_mjx.cli.main"]
@@ -33,8 +34,10 @@ def main() -> None:
             subprocess.run([*program, "export", str(options.runs / name), "--out", policy], check=True)
             solver = [str(PhysicsConfig().iterations), str(PhysicsConfig().ls_iterations)]
             command = [*program, "simcheck", policy, "--episodes", str(options.episodes), "--solver", *solver, "--json"]
+            command += ["--prisms"] if options.prisms else []
             done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-        (RESULTS / f"{name}.json").write_text(json.dumps(json.loads(done.stdout), indent=1) + "\n")
+        written = RESULTS / f"{name}{'-prisms' if options.prisms else ''}.json"
+        written.write_text(json.dumps(json.loads(done.stdout), indent=1) + "\n")
 
 
 if __name__ == "__main__":

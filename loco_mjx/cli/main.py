@@ -5,6 +5,7 @@ A new verb is one file ``loco_mjx/cli/<verb>.py`` with a function ``main(args)``
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import importlib
 import os
@@ -13,6 +14,7 @@ from collections.abc import Sequence
 
 from loco_mjx.cli import terminal
 from loco_mjx.errors import RunError, UnknownNameError, UserError, is_full
+from loco_mjx.run.stop import Interrupt
 
 VERBS: dict[str, str] = {
     "train": "train a policy on a task; the same command again resumes",
@@ -45,26 +47,41 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if argv is None else argv)
     terminal.print_anything()
+    with Interrupt():
+        code = _guarded(words)
+    try:
+        sys.stdout.flush()
+    except OSError:  # nobody reads it any more; Python would try again
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return code
+
+
+def _guarded(words: Sequence[str]) -> int:
+    """Runs one command; what goes wrong becomes a line and an exit code."""
     try:
         terminal.check_text(words)
         return _run(words)
     except UserError as error:
-        print("loco-mjx: " + " ".join(str(error).split()), file=sys.stderr)
+        _say(" ".join(str(error).split()))
         return error.code
     except BrokenPipeError:  # whoever read our output has gone, e.g. `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return INTERRUPTED
     except OSError as error:  # what every command may meet anywhere; other errors are bugs and keep their traceback
         if not is_full(error) and error.errno not in (errno.EACCES, errno.EROFS):
             raise
-        print(f"loco-mjx: {error}", file=sys.stderr)
+        _say(str(error))
         return RunError.code if is_full(error) else UserError.code
     except KeyboardInterrupt:
-        print("loco-mjx: stopped", file=sys.stderr)
+        _say("stopped")
         return INTERRUPTED
 
 
-def _run(words: list[str]) -> int:
+def _say(text: str) -> None:
+    with contextlib.suppress(OSError):  # the terminal may have gone, or what it is written to be full
+        print(f"loco-mjx: {text}", file=sys.stderr)
+
+
+def _run(words: Sequence[str]) -> int:
     if not words or words[0] in ("-h", "--help", "help"):
         print(_usage())
         return 0
@@ -77,7 +94,7 @@ def _run(words: list[str]) -> int:
     if verb not in VERBS:
         raise UnknownNameError("command", verb, VERBS)
     try:
-        code = importlib.import_module(f"loco_mjx.cli.{verb}").main(rest)
+        code = importlib.import_module(f"loco_mjx.cli.{verb}").main(list(rest))
     except OSError as error:
         if error.errno not in (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR):
             raise

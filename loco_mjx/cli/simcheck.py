@@ -32,6 +32,8 @@ class Options:
     """Seed of the scenes; the same as in `loco-mjx evaluate`."""
     solver: tuple[Iterations, Iterations] | None = None
     """Newton and line-search iterations of our side's physics; None: those of training."""
+    prisms: bool = False
+    """Leave C MuJoCo's own contacts with a heightfield, which push deep feet sideways; else planes, as in training."""
     json: bool = False
     """Print one JSON object and nothing else on stdout."""
 
@@ -51,8 +53,8 @@ def main(args: Sequence[str]) -> int:
         from loco_mjx.simcheck.run import simcheck
 
         progress = report.Progress()
-        result = simcheck(
-            policies.find(options.policy), options.task, options.episodes, options.seed, progress, options.solver
-        )
+        where = policies.find(options.policy)
+        how = (options.task, options.episodes, options.seed, progress, options.solver, options.prisms)
+        result = simcheck(where, *how)
         show(result, report.table(result))
     return 0

@@ -95,13 +95,12 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
     eval_tasks = other_tasks(options)
     runs = planned(options, args, config)
 
-    from rich.console import Console
-
     from loco_mjx.run import directory, hosts, machine, start
+    from loco_mjx.run.progress import Output
 
     found = [directory.find(run.directory) for run in runs]
     machine.set_up(machine.shards(config.ppo.num_envs, config.ppo.minibatch, processes=processes))
-    console = Console()
+    console = Output()
     if not gave_total(options, args):
         totals = [run.ppo.total_steps for run in found if run is not None]
         total = int(hosts.shared(str(max(totals) if totals else default_total(config, len(runs)))))
@@ -265,5 +264,10 @@ def default_total(config: Config, seeds: int = 1) -> int:
 def interrupted(samples: int, stopped_by: int, args: Sequence[str]) -> int:
     """Says how to go on after a signal; the exit code."""
     program = sys.argv[0] if os.path.basename(sys.argv[0]) == "loco-mjx" else "loco-mjx"
-    print(f"saved at {samples:,} samples; to go on: {shlex.join([program, 'train', *args])}")
+    done = f"saved at {samples:,} samples" if samples else "nothing was to be saved yet"
+    text = f"{done}; to go on: {shlex.join([program, 'train', *args])}"
+    try:
+        print(text, flush=True)
+    except OSError:  # whoever read that has gone
+        print(f"loco-mjx: {text}", file=sys.stderr)
     return 128 + stopped_by

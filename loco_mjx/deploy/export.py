@@ -47,19 +47,23 @@ def export(run: Path, out: Path) -> dict[str, Any]:
     return write(trained.load(run), out, evaluation)
 
 
-def write(policy: TrainedPolicy, out: Path, evaluation: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Writes a policy's folder; see :func:`export`. The manifest comes last, so that half a folder has none."""
-    model = onnx_model(policy)
-    contents = {
-        folder.ONNX: model.SerializeToString(),
-        folder.STABLEHLO: stablehlo(policy),
-    }
+def write(
+    policy: TrainedPolicy, out: Path, evaluation: dict[str, Any] | None = None, lean: bool = False
+) -> dict[str, Any]:
+    """Writes a policy's folder; see :func:`export`. The manifest comes last, so that half a folder has none.
+
+    `lean` leaves out what acting does not need: StableHLO and the critic's parameters.
+    """
+    contents = {folder.ONNX: onnx_model(policy).SerializeToString()}
+    contents |= {} if lean else {folder.STABLEHLO: stablehlo(policy)}
+    arrays = raw_parameters(policy)
+    kept = {name: array for name, array in arrays.items() if not (lean and name.startswith(trained.CRITIC_ONLY))}
     try:
         out.mkdir(parents=True, exist_ok=True)
         (out / folder.MANIFEST).unlink(missing_ok=True)
         for name, content in contents.items():
             (out / name).write_bytes(content)
-        np.savez(out / folder.PARAMETERS, **raw_parameters(policy))  # type: ignore[arg-type]
+        np.savez(out / folder.PARAMETERS, **kept)  # type: ignore[arg-type]
     except OSError as error:
         raise UserError(f"cannot write into {out}: {error.strerror or error}; choose another --out") from error
     manifest = describe(policy, evaluation)

@@ -14,6 +14,7 @@ from loco_mjx import a1
 from loco_mjx.deploy.folder import Camera
 from loco_mjx.deploy.robot import Frame, RobotError, Sensors
 from loco_mjx.deploy.runner import SIT
+from loco_mjx.deploy.terrain_contacts import TerrainContacts
 from loco_mjx.deploy.terrain_rays import TerrainRays
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import Range, check
@@ -58,6 +59,7 @@ class MujocoRobot:
         seed: int = 0,
         lying: bool = True,
         between: Callable[[Any, Any], None] | None = None,
+        prisms: bool = False,
     ) -> None:
         """Puts the robot at the scene's keyframe.
 
@@ -68,6 +70,7 @@ class MujocoRobot:
             seed: of their noise.
             lying: start on the belly instead of standing.
             between: called with the model and its data every control step, to move what moves.
+            prisms: leave C's own contacts with a heightfield as they are; see loco_mjx/deploy/terrain_contacts.py.
 
         Raises:
             UserError: if the model is no A1, its rates are others, or an imperfection is none.
@@ -82,6 +85,7 @@ class MujocoRobot:
         self._random, self._between, self._steps = np.random.default_rng(seed), between, 0
         self._frames: deque[Frame] = deque(maxlen=round(MEMORY / a1.CONTROL_DT) + 2)
         self._sensors: deque[Sensors] = deque(maxlen=round(MEMORY / a1.PHYSICS_DT) + 2)
+        self._contacts = TerrainContacts(model, prisms)
         self._rays = None if camera is None else _directions(camera)
         self._terrain = None if camera is None else TerrainRays(model, SEEN_GROUP, GROUND_GROUP)
         self._place(lying)
@@ -108,7 +112,7 @@ class MujocoRobot:
         """One physics step under the PD law."""
         torque = kp * (targets - self.data.qpos[7:]) - kd * self.data.qvel[6:]
         self.data.ctrl[:] = np.clip(torque, -a1.TORQUE_LIMIT, a1.TORQUE_LIMIT)
-        self._mujoco.mj_step(self.model, self.data)
+        self._contacts.step(self.data)
         self._steps += 1
         self._sense()
         if self._steps % a1.SUBSTEPS == 0:

@@ -1,19 +1,23 @@
 """Checkpoints that survive a kill at any moment.
 
-A checkpoint is ``checkpoints/<step>/`` with two Orbax trees and a manifest:
+A checkpoint is ``checkpoints/<step>/`` with two Orbax trees, the curves and a manifest:
 
 - ``state/``: everything training needs to go on: parameters, optimiser, normaliser, environments, keys, step
 - ``policy/``: parameters and normaliser alone, for evaluation
-- ``manifest.json``: step, configuration, and the size and CRC-32 of every file
+- ``curves.csv``: the rows of metrics.csv so far
+- ``manifest.json``: step, configuration, the size and CRC-32 of every file, and a CRC-32 of all of that
 
 It is written under another name and renamed when it is whole, so a directory with a number for a name is complete. The
-last two are kept; one that was damaged later is found out by its manifest, and the one before it is used.
+last two are kept; one that was damaged or renamed later is found out by its manifest, and the one before it is used.
 """
 
 from __future__ import annotations
 
+import contextlib
+import json
 import logging
 import os
+import re
 import shutil
 import sys
 import zlib
@@ -25,10 +29,11 @@ import jax
 
 from loco_mjx.config import Config, to_dict
 from loco_mjx.errors import FULL, UserError, unwritable
-from loco_mjx.run.directory import EXTENDABLE, flatten, read_json, write_json
+from loco_mjx.run.directory import EXTENDABLE, flatten, open_new, read_json, write_json
 
-CHECKPOINTS, STATE, POLICY, MANIFEST = "checkpoints", "state", "policy", "manifest.json"
+CHECKPOINTS, STATE, POLICY, CURVES, MANIFEST = "checkpoints", "state", "policy", "curves.csv", "manifest.json"
 KEEP = 2
+_NAME = r"[1-9]\d{12,}|\d{12}"  # as path_of makes them
 _PARTIAL, _OLD = ".partial-", ".old-"
 _BLOCK = 1 << 22  # bytes read at once
 
@@ -36,9 +41,26 @@ Policy = dict[str, Any]
 
 
 def steps(directory: Path) -> list[int]:
-    """The samples trained at each checkpoint of a run, newest first."""
+    """The samples trained at each checkpoint of a run, newest first, as their names have it.
+
+    Raises:
+        UserError: if there is a folder of checkpoints that cannot be read.
+    """
     folder = directory / CHECKPOINTS
-    return sorted((int(entry.name) for entry in folder.glob("[0-9]*") if entry.name.isdigit()), reverse=True)
+    try:
+        names = os.listdir(folder) if os.path.lexists(folder) else []
+    except OSError as error:
+        raise UserError(f"cannot read {folder}: {error.strerror or error}; restore or remove it") from error
+    return sorted((int(name) for name in names if re.fullmatch(_NAME, name, re.ASCII)), reverse=True)
+
+
+def newest(directory: Path) -> int:
+    """The samples trained at a run's newest checkpoint that is whole; 0 without one.
+
+    Raises:
+        UserError: as :func:`steps`.
+    """
+    return next((step for step in steps(directory) if damage(path_of(directory, step), STATE) is None), 0)
 
 
 def path_of(directory: Path, step: int) -> Path:
@@ -46,7 +68,7 @@ def path_of(directory: Path, step: int) -> Path:
     return directory / CHECKPOINTS / f"{step:012d}"
 
 
-def save(directory: Path, step: int, state: Any, policy: Policy, config: Config) -> Path:
+def save(directory: Path, step: int, state: Any, policy: Policy, config: Config, curves: str = "") -> Path:
     """Writes a checkpoint, then removes all but the last two.
 
     Args:
@@ -55,6 +77,7 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config)
         state: a pytree of arrays that this process holds whole, the full state of training.
         policy: a pytree of arrays, what evaluation needs.
         config: the run's configuration.
+        curves: the rows of its metrics.csv.
 
     Raises:
         UserError: if the disk is full or not writable.
@@ -62,17 +85,21 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config)
     final = path_of(directory, step)
     partial = final.with_name(_PARTIAL + final.name)
     try:
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
+        _remove(partial)
+        partial.parent.mkdir(exist_ok=True)  # but not the run's directory: whoever removes that wants it gone
+        partial.mkdir()
         _write_trees(partial, {STATE: state, POLICY: policy})
+        with open_new(partial / CURVES) as file:
+            file.write(curves)
         files = {str(path.relative_to(partial)): _fingerprint(path) for path in _files(partial)}
-        write_json(partial / MANIFEST, {"step": step, "config": to_dict(config), "files": files})
-        if final.exists():  # a damaged checkpoint of the same step, from which this run did not resume
-            shutil.rmtree(final)
+        manifest = {"step": step, "config": to_dict(config), "files": files}
+        write_json(partial / MANIFEST, manifest | {"checksum": _checksum(manifest)})
+        _remove(final)  # a damaged checkpoint of the same step, from which this run did not resume
         partial.rename(final)
         _sync(final.parent)
     except (OSError, ValueError) as error:  # Orbax reports a full disk as a ValueError
-        shutil.rmtree(partial, ignore_errors=True)
+        with contextlib.suppress(OSError):
+            _remove(partial)
         raise unwritable(f"the checkpoint {final}", _system_error(error), "make room or access") from error
     _prune(directory)
     return final
@@ -142,14 +169,31 @@ def restore(
     raise UserError(f"{'; '.join(problems)}; no whole checkpoint is left: delete {folder} to start again")
 
 
+def curves(directory: Path, step: int) -> str | None:
+    """The rows of a run's metrics.csv as they were at a checkpoint; None if it has none, or damaged ones."""
+    checkpoint = path_of(directory, step)
+    try:
+        size_and_sum = tuple(read_json(checkpoint / MANIFEST)["files"][CURVES])
+        path = checkpoint / CURVES
+        return path.read_bytes().decode() if _fingerprint(path) == size_and_sum else None
+    except (UserError, KeyError, TypeError, OSError, UnicodeDecodeError):
+        return None
+
+
 def damage(checkpoint: Path, item: str) -> str | None:
     """What is wrong with the files of a checkpoint, or None."""
     try:
         manifest = read_json(checkpoint / MANIFEST)
         flatten(manifest["config"])
         expected = {name: tuple(size_and_sum) for name, size_and_sum in manifest["files"].items()}
+        step, checksum = manifest["step"], manifest.pop("checksum", None)
+        renamed = path_of(checkpoint.parent.parent, step).name != checkpoint.name
     except (UserError, KeyError, TypeError, AttributeError, ValueError):
         return f"checkpoint {checkpoint} is cut short (its {MANIFEST} is missing or damaged)"
+    if checksum not in (None, _checksum(manifest)):  # None: an older version's
+        return f"checkpoint {checkpoint} is damaged ({MANIFEST} has changed)"
+    if renamed:
+        return f"checkpoint {checkpoint} is one of {step:,} samples under another name"
     for name, size_and_sum in expected.items():
         if not name.startswith(item + "/"):
             continue
@@ -161,6 +205,10 @@ def damage(checkpoint: Path, item: str) -> str | None:
         if _fingerprint(path) != size_and_sum:
             return f"checkpoint {checkpoint} is damaged ({name} has changed)"
     return None
+
+
+def _checksum(manifest: dict[str, Any]) -> int:
+    return zlib.crc32(json.dumps(manifest, sort_keys=True).encode())
 
 
 def _check_config(checkpoint: Path, config: Config) -> None:
@@ -230,7 +278,16 @@ def _prune(directory: Path) -> None:
         _take_away(path_of(directory, step))
     for prefix in (_PARTIAL, _OLD):
         for leftover in (directory / CHECKPOINTS).glob(prefix + "*"):
-            shutil.rmtree(leftover, ignore_errors=True)
+            with contextlib.suppress(OSError):
+                _remove(leftover)
+
+
+def _remove(path: Path) -> None:
+    """Removes a folder with its content; of a link itself, not what it leads to."""
+    if path.is_symlink() or path.is_file():
+        path.unlink()
+    elif path.exists():
+        shutil.rmtree(path)
 
 
 def _take_away(checkpoint: Path) -> None:

@@ -16,7 +16,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from loco_mjx.config import Config, from_dict, to_dict
 from loco_mjx.errors import UserError, unwritable
@@ -36,12 +36,22 @@ def write_json(path: Path, content: Any) -> None:
     partial = path.with_name(path.name + PARTIAL)
     with _writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("w") as file:
+        with open_new(partial) as file:
             json.dump(content, file, indent=2)
             file.write("\n")
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
+
+
+def open_new(path: Path) -> TextIO:
+    """Opens a new text file; what has its name, such as what a kill left, or a link, is taken away, not written to.
+
+    Raises:
+        OSError: without write access.
+    """
+    path.unlink(missing_ok=True)
+    return path.open("x", newline="")
 
 
 def read_json(path: Path) -> Any:
@@ -138,10 +148,14 @@ def claim(directory: Path) -> Iterator[None]:
     Raises:
         UserError: without write access, or if another process is training in it.
     """
+    lock = directory / LOCK
     with _writing(directory):
         directory.mkdir(parents=True, exist_ok=True)
-        file = (directory / LOCK).open("w")
-    with file:
+    if lock.is_symlink():
+        raise UserError(f"{lock} is a symbolic link, which a run's lock never is; remove it")
+    with _writing(lock):
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+    with open(descriptor, "rb", buffering=0) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

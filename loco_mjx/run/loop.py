@@ -7,19 +7,20 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from signal import SIGPIPE
 from typing import Annotated, Any, NoReturn, Protocol
 
 import jax
 import numpy as np
 
 from loco_mjx.config import Config
-from loco_mjx.errors import UserError
+from loco_mjx.errors import UserError, is_full, unwritable
 from loco_mjx.ranges import COUNT, Range
 from loco_mjx.run import checkpoint, hosts, machine
 from loco_mjx.run.logger import SECONDS
 from loco_mjx.run.progress import Reporter
 from loco_mjx.run.record import Record, Row, Run, common_step
-from loco_mjx.run.stop import Stop
+from loco_mjx.run.stop import Leave, Stop
 
 Evaluate = Callable[[Any], dict[str, float]]  # from a training state to the deterministic policy's figures
 
@@ -112,6 +113,7 @@ def run_group(
     options: LoopOptions,
     reporter: Reporter,
     evaluations: Sequence[Evaluate],
+    starting: Callable[[], None] = lambda: None,
 ) -> Outcome:
     """Trains runs side by side, from the newest step that all of them have a checkpoint of.
 
@@ -123,14 +125,23 @@ def run_group(
         options: when to save and to evaluate.
         reporter: shows all runs' samples together, and means over the runs.
         evaluations: one for each run, or none.
+        starting: called when everything is read that may be refused, before anything is written.
 
     Raises:
         UserError: if their checkpoints cannot be used or the disk cannot be written; at the end, if one diverged.
     """
-    with Stop(reporter.say) as stop, contextlib.ExitStack() as files:
-        state, samples = _begin(learner, runs, reporter)
-        records = [files.enter_context(Record(run, samples)) for run in runs]
-        return _Loop(learner, records, options, reporter, evaluations, stop).run(state, samples)
+    samples = 0
+    alone = jax.process_count() == 1  # of several processes none may leave the others waiting
+    with Stop(reporter.say, alone, reporter.close) as stop, contextlib.ExitStack() as files:
+        try:
+            state, samples = _begin(learner, runs, reporter)
+            records = [Record(run, samples, reporter.say) for run in runs]
+            starting()
+            for record in records:
+                files.enter_context(record)
+            return _Loop(learner, records, options, reporter, evaluations, stop).run(state, samples)
+        except Leave:
+            return Outcome(samples, stop.signal)
 
 
 def _begin(learner: GroupLearner, runs: Sequence[Run], reporter: Reporter) -> tuple[Any, int]:
@@ -178,16 +189,17 @@ class _Loop:
         pool = None
         if samples == 0 and len(self.records) > 1:  # where all stand together if a kill meets the first checkpoints
             self._save(state, 0)
-        _, signal, failed = hosts.agreed(False, self.stop.signal)
+        _, signal, failed = hosts.agreed(False, self._signal())
         while iteration < self.ppo.iterations and signal is None and not failed:
             if pool is None or iteration % self.ppo.pool_refresh == 0:
                 pool = self.learner.make_pool(iteration)
             state = self._iterate(state, pool, iteration)
+            self.stop.can_leave = False
             iteration += 1
             self._say_age(iteration - first)
             samples = iteration * self.per_iteration
             due = time.monotonic() - saved_at >= 60 * self.options.checkpoint_minutes
-            due, signal, failed = hosts.agreed(due, self.stop.signal, self._failure() is not None)
+            due, signal, failed = hosts.agreed(due, self._signal(), self._failure() is not None)
             if due and not failed:
                 self._save(state, samples)
                 saved, saved_at = samples, time.monotonic()
@@ -250,12 +262,23 @@ class _Loop:
         every = max(1, round(self.ppo.iterations / self.options.evaluations))
         return done in (1, self.ppo.iterations) or done % every == 0
 
+    def _signal(self) -> int | None:
+        """The signal that came; a reader of the output who leaves counts as one."""
+        return self.stop.signal or (SIGPIPE if self.reporter.lost is not None else None)
+
     def _failure(self) -> UserError | None:
+        lost = self.reporter.lost
+        if lost is not None and is_full(lost):
+            return unwritable("what is printed", lost, "")
         return next((record.failure for record in self.records if record.failure is not None), None)
 
     def _give_up(self, state: Any, samples: int, saved: int) -> NoReturn:
         """Ends a run whose curves cannot be written, with a checkpoint if that can be."""
         failure = self._failure() or UserError("the first process cannot write; its own last line says why")
+        if not all(record.in_place() for record in self.records):
+            with contextlib.suppress(UserError):  # those of seeds whose directories are there
+                self._save(state, samples)
+            raise failure
         kept = f"the checkpoint at {saved:,} samples is kept" if saved else "there is no checkpoint yet"
         try:
             self._save(state, samples)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -26,11 +29,20 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
+class Output(Console):
+    """A console whose reader may leave: to print then raises BrokenPipeError, where others would end the process."""
+
+    def on_broken_pipe(self) -> None:
+        """What rich calls."""
+        raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
+
+
 class Reporter:
     """Shows samples, samples per second, time left, return, distance and KL.
 
-    Episode figures are of the last iteration in which an episode ended. What is left takes as long, per sample, as what
-    came after the first iteration: that one holds the compilation. Evaluations and checkpoints are counted in.
+    It goes on in silence when nothing can be printed any more, and `lost` then says why. Episode figures are of the
+    last iteration in which an episode ended. What is left takes as long, per sample, as what came after the first
+    iteration: that one holds the compilation. Evaluations and checkpoints are counted in.
     """
 
     def __init__(self, console: Console, total: int, done: int, clock: Callable[[], float] = time.monotonic) -> None:
@@ -41,6 +53,7 @@ class Reporter:
         self._figures: dict[str, float] = {}
         self._last_line = -float("inf")
         self._progress: Progress | None = None
+        self.lost: OSError | None = None
         if console.is_terminal:
             columns = (
                 BarColumn(bar_width=12),
@@ -73,26 +86,37 @@ class Reporter:
             left = self._seconds_left(done, now - self._first[1])
         self._figures |= metrics
         text = self._text(left)
-        if self._progress is not None:
-            self._progress.update(self._task, completed=done, description=text)
-        elif now - self._last_line >= LINE_SECONDS or done >= self._total:
-            self._last_line = now
-            self._plain(f"{done:,}/{self._total:,} samples  {text}")
+        with self._noting_loss():
+            if self._progress is not None:
+                self._progress.update(self._task, completed=done, description=text)
+            elif now - self._last_line >= LINE_SECONDS or done >= self._total:
+                self._last_line = now
+                self._plain(f"{done:,}/{self._total:,} samples  {text}")
 
     def say(self, text: str) -> None:
         """Prints a line beside the progress."""
-        if self._progress is not None:
-            self._progress.console.print(text, markup=False, highlight=False)
-        else:
-            self._plain(text)
+        with self._noting_loss():
+            if self._progress is not None:
+                self._progress.console.print(text, markup=False, highlight=False)
+            else:
+                self._plain(text)
 
     def close(self) -> None:
         """Ends the live display."""
         if self._progress is not None:
-            self._progress.stop()
+            with self._noting_loss():
+                self._progress.stop()
+
+    @contextlib.contextmanager
+    def _noting_loss(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.lost = error
 
     def _plain(self, text: str) -> None:
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        if self.lost is None:
+            self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def _seconds_left(self, done: int, seconds: float) -> float | None:
         """What is left, from the seconds since the first iteration; None after that one."""

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from loco_mjx.config import Config
-from loco_mjx.errors import UserError
+from loco_mjx.errors import RunError, UserError
 from loco_mjx.run import checkpoint, hosts
+from loco_mjx.run.directory import CONFIG, LOCK
 from loco_mjx.run.logger import Logger
 
 Row = dict[str, float]
@@ -34,17 +35,21 @@ class Record:
         failure: what kept its curves from being written, or None.
     """
 
-    def __init__(self, run: Run, samples: int) -> None:
-        """Opens the curves at the step the run starts or resumes from.
+    def __init__(self, run: Run, samples: int, say: Callable[[str], None] = lambda text: None) -> None:
+        """Reads the curves up to the step the run starts or resumes from; nothing is written before it is entered.
 
         Raises:
-            UserError: without write access.
+            UserError: if they cannot be read.
         """
         self.run, self.problem, self.failure = run, None, None
-        self._logger = Logger(run.directory, samples) if hosts.is_first() else None
+        self._logger = None
+        if hosts.is_first():
+            kept = checkpoint.curves(run.directory, samples) if samples else None
+            self._logger = Logger(run.directory, samples, kept, say)
 
     problem: str | None
     failure: UserError | None
+    _logger: Logger | None
 
     @property
     def seconds(self) -> float:
@@ -56,6 +61,7 @@ class Record:
         if self._logger is None:
             return
         try:
+            self._check_place()
             self._logger.write(samples, row)
         except UserError as error:
             self.failure = error
@@ -64,13 +70,23 @@ class Record:
         """Writes a checkpoint of the whole state, wherever its parts lie; every process is to call it.
 
         Raises:
-            UserError: if the disk is full or not writable.
+            UserError: if the disk is full or not writable, or the run's directory has gone.
         """
         state = hosts.whole(state)
         if self._logger is not None:
-            checkpoint.save(self.run.directory, samples, state, policy_of(state), self.run.config)
+            self._check_place()
+            policy, curves = policy_of(state), self._logger.text
+            checkpoint.save(self.run.directory, samples, state, policy, self.run.config, curves)
 
     def __enter__(self) -> Record:
+        """Opens the files.
+
+        Raises:
+            UserError: without write access.
+        """
+        self._place = _identities(self.run.directory)
+        if self._logger is not None:
+            self._logger.open()
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
@@ -81,6 +97,14 @@ class Record:
         """
         if self._logger is not None:
             self._logger.close(quietly=kind is not None)
+
+    def in_place(self) -> bool:
+        """Whether the run's directory is where it was; one that is being removed loses its files one by one."""
+        return _identities(self.run.directory) == self._place
+
+    def _check_place(self) -> None:
+        if not self.in_place():
+            raise RunError(f"{self.run.directory} has been removed or moved while it trained, so the run has ended")
 
     def check(self, row: Row, samples: int) -> bool:
         """Whether the run may go on; one whose losses or whose state hold what is no number may not.
@@ -108,6 +132,19 @@ def _diverged(row: Row) -> str | None:
     return None
 
 
+def _identities(directory: Path) -> list[tuple[int, int] | bool]:
+    """What tells a run's directory from another one in its place."""
+    found: list[tuple[int, int] | bool] = [(directory / CONFIG).exists()]  # which an editor may replace
+    for path in (directory, directory / LOCK):
+        try:
+            status = path.stat()
+        except OSError:
+            found.append(False)
+        else:
+            found.append((status.st_dev, status.st_ino))
+    return found
+
+
 def policy_of(state: Any) -> checkpoint.Policy:
     """The part of a training state that acts."""
     return {"params": state.params, "normalizer": state.normalizer}
@@ -124,7 +161,7 @@ def common_step(runs: Sequence[Run], say: Callable[[str], None] = lambda text: N
         UserError: if there is none, naming what is damaged, or where each run stands.
     """
     if len(runs) == 1:  # which may go on from any; restoring it says what is damaged
-        return next(iter(checkpoint.steps(runs[0].directory)), 0)
+        return checkpoint.newest(runs[0].directory)
     problems: list[str] = []
     stand = {run.directory: checkpoint.whole_steps(run.directory, problems.append) for run in runs}
     if not problems and not any(max(steps, default=0) for steps in stand.values()):

@@ -135,18 +135,21 @@ def train(
     with contextlib.ExitStack() as claims:
         done = common_step(runs)
 
-        def begin() -> None:
+        def claim() -> None:
             for run in runs:
                 claims.enter_context(directory.claim(run.directory))
+
+        def record() -> None:
             for run in runs:
                 directory.record_start(run.directory, run.config, about.about(command) | {"samples": done})
 
-        hosts.on_first(begin)
+        hosts.on_first(claim)
         seeds = [run.config.seed for run in runs]
         print_summary(console, config, about.devices(), count_parameters(trainer, config), seeds)
         reporter = Reporter(console, len(runs) * total(config), len(runs) * done)
         try:
-            return loop.run_group(learner, runs, options, reporter, evaluators(runs, trainer, options, eval_tasks))
+            evaluations = evaluators(runs, trainer, options, eval_tasks)
+            return loop.run_group(learner, runs, options, reporter, evaluations, lambda: hosts.on_first(record))
         finally:
             reporter.close()
 
@@ -187,5 +190,5 @@ def total(config: Config) -> int:
 
 
 def finished(path: Path, config: Config) -> bool:
-    """Whether the run in a directory has nothing left to train."""
-    return next(iter(checkpoint.steps(path)), 0) >= total(config)
+    """Whether the run in a directory has nothing left to train: by its newest checkpoint that is whole."""
+    return checkpoint.newest(path) >= total(config)

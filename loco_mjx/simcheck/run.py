@@ -46,7 +46,13 @@ class Side(Protocol):
 
 
 def simcheck(
-    policy: Path, task: str | None, episodes: int, seed: int, tick: Tick, solver: tuple[int, int] | None = None
+    policy: Path,
+    task: str | None,
+    episodes: int,
+    seed: int,
+    tick: Tick,
+    solver: tuple[int, int] | None = None,
+    prisms: bool = False,
 ) -> dict[str, Any]:
     """Compares the two sides on the same scenes, from the same starts, with the same exported policy.
 
@@ -57,6 +63,7 @@ def simcheck(
         seed: of the scenes and starts; episode i is the one of `loco-mjx evaluate` with the same seed.
         tick: told about progress.
         solver: Newton and line-search iterations of MJX's side; None: those of training.
+        prisms: leave C's own contacts with a heightfield; see :mod:`loco_mjx.deploy.terrain_contacts`.
 
     Returns:
         What was run, `metrics` (see :func:`compare`), `replay` with the same of seconds begun in the same state (see
@@ -80,7 +87,7 @@ def simcheck(
     first = start(env, seed, episodes)
     found, seconds, recorder = {}, {}, Recorder(manifest.hold, env.task.moving)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        c = CSide(env, manifest, session, pool)
+        c = CSide(env, manifest, session, pool, prisms)
         for side, watch in ((MjxSide(env, manifest, session, pool, mesh), recorder), (c, None)):
             begin = time.perf_counter()
             found[side.name] = run(side, first, config.horizon, tick, watch)
@@ -93,6 +100,7 @@ def simcheck(
         "task": config.task,
         "num_episodes": episodes,
         "seed": seed,
+        "prisms": prisms,
         "physics": config_lib.to_dict(config.physics),
         "metrics": compare(found[CSide.name], found[MjxSide.name]),
         "replay": _replayed(again),

@@ -124,8 +124,9 @@ class CSide:
 
     name = "C MuJoCo"
 
-    def __init__(self, env: LocoEnv, manifest: Manifest, policy: Policy, pool: Executor) -> None:
-        """Prepares the programs; `pool` runs the episodes."""
+    def __init__(self, env: LocoEnv, manifest: Manifest, policy: Policy, pool: Executor, prisms: bool = False) -> None:
+        """Prepares the programs; `pool` runs the episodes, `prisms` is of MujocoRobot."""
+        self._prisms = prisms
         self._env, self._manifest, self._policy, self._pool = env, manifest, policy, pool
         self._next_scene = jax.jit(jax.vmap(env.next_scene))
         self._conclude = jax.jit(jax.vmap(env.conclude))
@@ -145,7 +146,7 @@ class CSide:
         model.key_qpos[0] = qpos
         for name in ROUGH:
             model.geom(name).friction[0] = self._env.config.physics.friction
-        return WatchedRobot(model, self._manifest.camera, lying=False)
+        return WatchedRobot(model, self._manifest.camera, lying=False, prisms=self._prisms)
 
     def step(self, state: State, t: int, alive: np.ndarray) -> State:
         """One control step of every episode that is alive; the others stay where they are."""

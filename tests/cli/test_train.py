@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import signal
 import sys
 
@@ -9,7 +10,7 @@ import pytest
 
 from loco_mjx.cli import train
 from loco_mjx.cli.main import main
-from loco_mjx.run import checkpoint, start
+from loco_mjx.run import checkpoint, progress, start
 from tests.run.tiny import Interrupted, Wordy, file_limit, tiny_trainer
 
 SMALL = [
@@ -101,6 +102,37 @@ def test_a_directory_of_another_run_is_left_alone(capsys, tmp_path):
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
+def _cut(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def _loop(path):
+    path.rename(path.with_name("old"))
+    path.symlink_to(path)
+
+
+REFUSED = {
+    "checkpoints": (
+        lambda run: [_cut(path) for path in run.glob("checkpoints/*/manifest.json")],
+        "no whole checkpoint",
+    ),
+    "states": (lambda run: [_cut(path) for path in run.glob("checkpoints/*/state/_METADATA")], "no whole checkpoint"),
+    "loop": (lambda run: _loop(run / "checkpoints"), "checkpoints: Too many levels of symbolic links"),
+    "lock": (lambda run: _loop(run / "lock"), "lock is a symbolic link"),
+    "curves": (lambda run: ((run / "metrics.csv").unlink(), (run / "metrics.csv").mkdir()), "metrics.csv: Is a dir"),
+}
+
+
+@pytest.mark.parametrize(("harm", "words"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_cannot_go_on_is_one_line_and_nothing_is_written(harm, words, capsys, tmp_path):
+    assert main([*RUN[:-1], "32", "--out", "run"]) == 0
+    harm(tmp_path / "run")
+    before = {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")}
+    capsys.readouterr()
+    assert words in refused(capsys, *RUN, "--out", "run")
+    assert {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")} == before
+
+
 def test_ctrl_c_saves_says_how_to_go_on_and_that_ends_like_an_uninterrupted_run(capsys, tmp_path, monkeypatch):
     assert main([*RUN, "--out", "whole"]) == 0
     interrupt = lambda: os.kill(os.getpid(), signal.SIGINT)  # noqa: E731
@@ -121,6 +153,18 @@ def test_ctrl_c_saves_says_how_to_go_on_and_that_ends_like_an_uninterrupted_run(
     assert states[0][1] == states[1][1] == 192
     for a, b in zip(*(jax.tree.leaves(state) for state, _ in states), strict=True):
         np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
+
+
+def test_a_reader_that_leaves_is_told_on_stderr_how_to_go_on(capsys, tmp_path, monkeypatch):
+    read, write = os.pipe()
+    monkeypatch.setattr(start, "build", lambda config: Interrupted(tiny_trainer(config), 3, lambda: os.close(read)))
+    monkeypatch.setattr(progress, "LINE_SECONDS", 0.0)
+    with open(write, "w") as file, monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", file)
+        assert main([*RUN, "--out", "run"]) == 128 + signal.SIGPIPE
+    assert checkpoint.steps(tmp_path / "run")[0] == 96
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("loco-mjx: saved at 96 samples; to go on: ")
 
 
 def test_a_full_disk_is_one_line_and_exit_code_1_and_the_same_command_goes_on(capsys, monkeypatch):
@@ -146,6 +190,25 @@ def test_a_finished_run_says_so_and_can_be_extended(capsys, tmp_path):
     info = json.loads((folder / "info.json").read_text())
     assert info["samples"] == 0 and info["resumed"][0]["samples"] == 192
     assert info["command"][:2] == ["loco-mjx", "train"]
+
+
+@pytest.mark.parametrize("harm", ["empty", "damaged", "renamed"])
+def test_a_run_whose_last_checkpoint_is_not_whole_is_not_finished(harm, capsys, tmp_path):
+    longer = [*RUN[:-1], "256"] if harm == "renamed" else RUN
+    assert main([*RUN[:-1], "96", "--out", "run"]) == main([*RUN, "--out", "run"]) == 0
+    last = checkpoint.path_of(tmp_path / "run", 192)
+    if harm == "damaged":
+        max((path for path in last.rglob("state/**/*") if path.is_file()), key=os.path.getsize).write_bytes(b"")
+    elif harm == "empty":
+        shutil.rmtree(last)
+        last.mkdir()
+    else:
+        last.rename(checkpoint.path_of(tmp_path / "run", 256))
+    capsys.readouterr()
+    assert main([*longer, "--out", "run"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "going on from the one before it, at 96 samples" in said and "finished: " in said
+    assert checkpoint.whole_steps(tmp_path / "run", print)[0] == int(longer[-1])
 
 
 def test_a_run_is_resumed_to_its_own_length_where_none_is_given(capsys, tmp_path):

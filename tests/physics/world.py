@@ -147,8 +147,9 @@ def c_rollout(
     kp: float = a1.KP,
     kd: float = a1.KD,
     qvel: np.ndarray | float = 0.0,
+    step: Callable[[mujoco.MjData], object] | None = None,
 ) -> np.ndarray:
-    """(steps, 19) configurations after each control step in C MuJoCo, its solver converged."""
+    """(steps, 19) configurations after each control step in C MuJoCo, its solver converged; `step` for `mj_step`."""
     model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance = 100, 50, 1e-10
     data = mujoco.MjData(model)
     data.qpos[:19], data.qvel[:18] = qpos, qvel
@@ -157,6 +158,6 @@ def c_rollout(
         for _ in range(a1.SUBSTEPS):
             torque = kp * (target - data.qpos[7:19]) - kd * data.qvel[6:18]
             data.ctrl[:] = np.clip(torque, -a1.TORQUE_LIMIT, a1.TORQUE_LIMIT)
-            mujoco.mj_step(model, data)
+            mujoco.mj_step(model, data) if step is None else step(data)
         history.append(data.qpos[:19].copy())
     return np.array(history)

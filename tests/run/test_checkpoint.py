@@ -1,4 +1,5 @@
 import dataclasses
+import json
 import os
 import signal
 import subprocess
@@ -70,6 +71,76 @@ def test_a_damaged_checkpoint_is_named_and_the_one_before_it_used(tmp_path, harm
     (state, step), said = restore(tmp_path)
     assert step == 1 and float(state["a"][0, 0]) == 1.0
     assert len(said) == 1 and "000000000002" in said[0] and ("cut short" in said[0] or "damaged" in said[0])
+
+
+def test_a_checkpoint_under_another_steps_name_is_not_resumed_from(tmp_path):
+    save(tmp_path, 1, 2)
+    checkpoint.path_of(tmp_path, 2).rename(checkpoint.path_of(tmp_path, 3))
+    (_, step), said = restore(tmp_path)
+    assert step == 1 and "is one of 2 samples under another name" in said[0]
+    assert checkpoint.newest(tmp_path) == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('"step": 2', '"step": "2"'),
+        ('"step": 2', '"step": 3'),
+        ('"clip": 0.2', '"clip": 0.3'),
+        ('"files": {', '"file": {'),
+    ],
+)
+def test_a_manifest_that_was_edited_is_not_believed(tmp_path, old, new):
+    save(tmp_path, 1, 2)
+    manifest = checkpoint.path_of(tmp_path, 2) / "manifest.json"
+    assert old in manifest.read_text()
+    manifest.write_text(manifest.read_text().replace(old, new))
+    (_, step), said = restore(tmp_path)
+    assert step == 1 and "manifest.json" in said[0]
+
+
+def test_a_checkpoint_of_before_manifests_had_a_checksum_is_restored(tmp_path):
+    save(tmp_path, 1)
+    manifest = checkpoint.path_of(tmp_path, 1) / "manifest.json"
+    content = json.loads(manifest.read_text())
+    del content["checksum"]
+    manifest.write_text(json.dumps(content))
+    assert restore(tmp_path)[0][1] == 1
+
+
+def test_names_that_are_no_steps_are_no_checkpoints(tmp_path):
+    save(tmp_path, 1)
+    for name in ("2", "00000000000²", "000000000002.bak", "0000000000003"):
+        (tmp_path / "checkpoints" / name).mkdir()
+    assert checkpoint.steps(tmp_path) == [1]
+
+
+@pytest.mark.parametrize("harm", ["loop", "file"])
+def test_checkpoints_that_cannot_be_read_are_not_none(tmp_path, harm):
+    place = tmp_path / "checkpoints"
+    place.symlink_to(place) if harm == "loop" else place.write_text("")
+    with pytest.raises(UserError, match=r"cannot read .*checkpoints"):
+        checkpoint.steps(tmp_path)
+
+
+def test_what_lies_behind_a_link_is_not_touched(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "precious").write_text("data")
+    (tmp_path / "checkpoints").mkdir()
+    for name in (".partial-000000000001", "000000000001", ".old-000000000000"):
+        (tmp_path / "checkpoints" / name).symlink_to(tmp_path / "elsewhere")
+    save(tmp_path, 1)
+    assert restore(tmp_path)[0][1] == 1
+    assert (tmp_path / "elsewhere" / "precious").read_text() == "data"
+    assert [entry.name for entry in (tmp_path / "checkpoints").iterdir()] == ["000000000001"]
+
+
+def test_curves_come_back_unless_they_are_damaged(tmp_path):
+    checkpoint.save(tmp_path, 1, tree(1), tree(1), CONFIG, "step\r\n1\r\n")
+    assert checkpoint.curves(tmp_path, 1) == "step\r\n1\r\n"
+    (checkpoint.path_of(tmp_path, 1) / "curves.csv").write_text("step\r\n2\r\n")
+    assert checkpoint.curves(tmp_path, 1) is None and checkpoint.curves(tmp_path, 2) is None
+    assert checkpoint.newest(tmp_path) == 1  # a run goes on without them
 
 
 def test_one_clear_line_where_no_whole_checkpoint_is_left(tmp_path):

@@ -86,6 +86,19 @@ def test_without_write_access_the_path_is_named(place):
         pass
 
 
+@pytest.mark.parametrize("name", ["lock", "config.json.partial"])
+def test_what_lies_behind_a_link_is_not_touched(tmp_path, name):
+    (tmp_path / "precious").write_text("data")
+    (tmp_path / name).symlink_to("precious")
+    if name == "lock":
+        with pytest.raises(UserError, match="lock is a symbolic link"), directory.claim(tmp_path):
+            pass
+    else:
+        directory.write_json(tmp_path / "config.json", {"new": 1})
+        assert json.loads((tmp_path / "config.json").read_text()) == {"new": 1}
+    assert (tmp_path / "precious").read_text() == "data"
+
+
 def test_json_is_replaced_in_one_go(tmp_path, monkeypatch):
     path = tmp_path / "x.json"
     directory.write_json(path, {"old": 1})

@@ -1,7 +1,9 @@
+import contextlib
 import csv
 import dataclasses
 import io
 import os
+import shutil
 import signal
 
 import jax
@@ -13,7 +15,8 @@ from rich.console import Console
 from loco_mjx.errors import RunError, UserError
 from loco_mjx.ppo.train import Trainer
 from loco_mjx.run import checkpoint, loop
-from loco_mjx.run.progress import Reporter
+from loco_mjx.run.progress import Output, Reporter
+from loco_mjx.run.stop import Interrupt
 from tests.run.tiny import Interrupted, TinyEnv, Wordy, file_limit, mesh, tiny_config, tiny_trainer
 
 EVERY = loop.LoopOptions(checkpoint_minutes=0.0, evaluations=0)
@@ -88,13 +91,71 @@ def test_rows_after_the_checkpoint_are_made_again_once(tmp_path, trainer, report
     assert rows(tmp_path)[:3] == before
 
 
-def test_a_signal_saves_after_the_iteration_and_stops(tmp_path, trainer, reporter):
+def sending(trainer, number, iteration):
+    return Interrupted(trainer, iteration, lambda: os.kill(os.getpid(), number))
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_saves_after_the_iteration_and_stops(tmp_path, trainer, reporter, number):
     config = tiny_config()
-    stopped = Interrupted(trainer, 2, lambda: os.kill(os.getpid(), signal.SIGTERM))
-    handler = signal.getsignal(signal.SIGTERM)
-    assert loop.run(stopped, config, tmp_path, AT_THE_END, reporter) == loop.Outcome(64, signal.SIGTERM)
+    handler = signal.getsignal(number)
+    assert loop.run(sending(trainer, number, 2), config, tmp_path, AT_THE_END, reporter) == loop.Outcome(64, number)
     assert checkpoint.steps(tmp_path) == [64]
-    assert signal.getsignal(signal.SIGTERM) is handler
+    assert signal.getsignal(number) is handler
+
+
+def test_a_closed_terminal_does_not_stop_what_nohup_started(tmp_path, trainer, reporter):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        stopped = sending(trainer, signal.SIGHUP, 2)
+        assert loop.run(stopped, tiny_config(3), tmp_path, AT_THE_END, reporter) == loop.Outcome(96)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_before_the_first_iteration_is_done_leaves_at_once(tmp_path, trainer, reporter, number):
+    stopped = sending(trainer, number, 1)
+    assert loop.run(stopped, tiny_config(), tmp_path, AT_THE_END, reporter) == loop.Outcome(0, number)
+    assert checkpoint.steps(tmp_path) == []
+    loop.run(trainer, tiny_config(2), tmp_path, AT_THE_END, reporter)
+    stopped = sending(trainer, number, 1)
+    assert loop.run(stopped, tiny_config(), tmp_path, AT_THE_END, reporter) == loop.Outcome(64, number)
+    assert checkpoint.steps(tmp_path) == [64]
+
+
+def swallowed():
+    """Ctrl-C while a library runs that lets no exception through."""
+    with contextlib.suppress(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_an_interrupt_that_a_library_swallows_is_not_forgotten(tmp_path, trainer, reporter):
+    stopped = Interrupted(trainer, 1, swallowed)
+    assert loop.run(stopped, tiny_config(), tmp_path, AT_THE_END, reporter) == loop.Outcome(32, signal.SIGINT)
+    with Interrupt():
+        swallowed()
+        with pytest.raises(KeyboardInterrupt):
+            loop.run(trainer, tiny_config(), tmp_path, AT_THE_END, reporter)
+    assert checkpoint.steps(tmp_path) == [32]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_reader_that_leaves_stops_the_run_as_a_signal_does(tmp_path, trainer):
+    read, write = os.pipe()
+    os.close(read)
+    with contextlib.suppress(BrokenPipeError), open(write, "w") as file:
+        reporter = Reporter(Output(file=file), 192, 0)
+        outcome = loop.run(trainer, tiny_config(), tmp_path, AT_THE_END, reporter)
+    assert outcome == loop.Outcome(32, signal.SIGPIPE) and checkpoint.steps(tmp_path) == [32]
+
+
+def test_what_is_printed_to_a_full_disk_ends_the_run_with_a_checkpoint(tmp_path, trainer):
+    with contextlib.suppress(OSError), open("/dev/full", "w") as file:
+        reporter = Reporter(Output(file=file), 192, 0)
+        with pytest.raises(RunError, match=r"what is printed: no space left .* saved at 32 samples"):
+            loop.run(trainer, tiny_config(), tmp_path, AT_THE_END, reporter)
+    assert checkpoint.steps(tmp_path) == [32]
 
 
 def test_a_second_ctrl_c_leaves_at_once(tmp_path, trainer, reporter):
@@ -207,3 +268,35 @@ def test_the_disk_that_fills_up_while_a_checkpoint_is_written_is_named(tmp_path,
     with file_limit(8192), pytest.raises(RunError, match=r"cannot write the checkpoint .* allowed; make room"):
         loop.run(trainer, tiny_config(2), tmp_path, AT_THE_END, reporter)
     assert checkpoint.steps(tmp_path) == [32]
+
+
+def test_a_directory_that_is_removed_while_it_trains_ends_the_run_and_stays_removed(tmp_path, trainer, reporter):
+    place = tmp_path / "run"
+    place.mkdir()
+    with pytest.raises(RunError, match="has been removed or moved"):
+        loop.run(Interrupted(trainer, 3, lambda: shutil.rmtree(place)), tiny_config(), place, EVERY, reporter)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_directory_that_is_moved_keeps_its_last_checkpoint_and_nothing_is_written_in_its_old_place(
+    tmp_path, trainer, reporter
+):
+    place, other = tmp_path / "run", tmp_path / "other"
+    place.mkdir()
+    with pytest.raises(RunError, match="has been removed or moved"):
+        loop.run(Interrupted(trainer, 3, lambda: place.rename(other)), tiny_config(), place, EVERY, reporter)
+    assert not place.exists()
+    assert loop.run(trainer, tiny_config(), other, EVERY, reporter) == loop.Outcome(192)
+    assert [int(row["step"]) for row in rows(other)] == [32, 64, 96, 128, 160, 192]
+
+
+def test_curves_that_an_editor_replaces_or_removes_while_it_trains_lose_nothing(tmp_path, trainer, reporter):
+    curves = tmp_path / "metrics.csv"
+
+    def edit():
+        (tmp_path / "new").write_text(curves.read_text())
+        (tmp_path / "new").replace(curves)
+
+    learner = Interrupted(Interrupted(trainer, 2, edit), 4, curves.unlink)
+    loop.run(learner, tiny_config(), tmp_path, AT_THE_END, reporter)
+    assert [int(row["step"]) for row in rows(tmp_path)] == [32, 64, 96, 128, 160, 192]

@@ -19,6 +19,7 @@ from tests import optional
 
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 FLAGS += ["--disable-component-update", "--disable-sync"]
+VIEWPORT = {"width": 640, "height": 400}  # it is drawn in software, pixel by pixel
 PATIENCE = 120.0  # s, beyond which something hangs
 
 
@@ -51,7 +52,7 @@ def page(viewer, tmp_path):
     api = pytest.importorskip("playwright.sync_api")
     with api.sync_playwright() as playwright:
         browser = playwright.chromium.launch_persistent_context(
-            tmp_path, executable_path=chromium, headless=True, args=FLAGS
+            tmp_path, executable_path=chromium, headless=True, args=FLAGS, viewport=VIEWPORT
         )
         page = browser.pages[0]
         page.set_default_timeout(1000 * PATIENCE)

@@ -1,0 +1,54 @@
+"""Signals while Python sees none, as during a compilation: real processes in a function that does not let go."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CHILD = """
+import hashlib, sys
+from loco_mjx.run.stop import Stop
+
+with Stop(lambda text: print(text, flush=True), can_leave=sys.argv[1] == "can leave", farewell=lambda: print("bye")):
+    print("busy", flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"word", b"salt", 2_000_000_000)  # half an hour without a look at signals
+"""
+
+
+@pytest.fixture
+def busy():
+    """Starts a process and waits until it is busy."""
+    started = []
+
+    def start(word):
+        root = Path(__file__).parents[2]
+        child = subprocess.Popen([sys.executable, "-c", CHILD, word], cwd=root, stdout=subprocess.PIPE, text=True)
+        started.append(child)
+        assert child.stdout.readline() == "busy\n"
+        return child
+
+    yield start
+    for child in started:
+        child.kill()
+        child.communicate()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_process_with_nothing_to_save_is_ended_at_once(busy, number):
+    child = busy("can leave")
+    os.kill(child.pid, number)
+    said, _ = child.communicate(timeout=120)
+    assert child.returncode == 128 + number
+    assert said.splitlines() == ["stopped before the first iteration was done: there is nothing new to save", "bye"]
+
+
+def test_one_that_has_something_to_save_says_what_it_does_and_ends_when_asked_twice(busy):
+    child = busy("cannot")
+    os.kill(child.pid, signal.SIGINT)
+    assert child.stdout.readline().startswith("stopping after this iteration")
+    os.kill(child.pid, signal.SIGINT)
+    said, _ = child.communicate(timeout=120)
+    assert child.returncode == 130 and said.splitlines() == ["stopped at once", "bye"]
