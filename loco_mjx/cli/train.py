@@ -58,11 +58,11 @@ class Options:
     num_envs: NumEnvs | None = None
     """Parallel environments; None: the preset's."""
     eval_tasks: str | None = None
-    """Tasks to evaluate on during training besides its own, e.g. wide,thin-sphere: the curves of generalisation."""
+    """Tasks to evaluate on besides its own as it learns, e.g. wide,moving."""
     out: Path | None = None
     """Directory of the run; None: runs/TASK/POLICY/seedSEED. With --seeds that of all of them: runs/TASK/POLICY."""
     coordinator: str | None = None
-    """HOST:PORT of process 0, for a run over several processes; under `srun` with several tasks SLURM says it."""
+    """HOST:PORT of process 0, for a run over several; under `srun` with several tasks SLURM says it."""
     process_id: Annotated[int, Range(0, 2**16)] | None = None
     """Which of them this one is: 0 to num-processes - 1."""
     num_processes: Annotated[int, Range(1, 2**16)] | None = None
