@@ -47,16 +47,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if argv is None else argv)
     terminal.print_anything()
-    with Interrupt():
-        code = _guarded(words)
+    with Interrupt() as interrupt:
+        code = _guarded(words, interrupt)
     try:
         sys.stdout.flush()
     except OSError:  # nobody reads it any more; Python would try again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if argv is None and code > 128:  # a compiler that was interrupted may not survive Python's own way to end
+        os._exit(code)
     return code
 
 
-def _guarded(words: Sequence[str]) -> int:
+def _guarded(words: Sequence[str], interrupt: Interrupt) -> int:
     """Runs one command; what goes wrong becomes a line and an exit code."""
     try:
         terminal.check_text(words)
@@ -71,8 +73,10 @@ def _guarded(words: Sequence[str]) -> int:
             raise
         _say(str(error))
         return RunError.code if is_full(error) else UserError.code
-    except KeyboardInterrupt:
-        _say("stopped")
+    except (KeyboardInterrupt, Exception) as error:
+        if isinstance(error, Exception) and not interrupt.came:
+            raise
+        _say("stopped")  # whatever a library has made of the interrupt
         return INTERRUPTED
 
 

@@ -155,6 +155,19 @@ def test_ctrl_c_saves_says_how_to_go_on_and_that_ends_like_an_uninterrupted_run(
         np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
 
 
+def test_ctrl_c_is_one_line_whatever_a_library_makes_of_it(capsys, monkeypatch, tmp_path):
+    def build(config):
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt as error:
+            raise ImportError("a half-imported library") from error
+
+    monkeypatch.setattr(start, "build", build)
+    assert main([*RUN, "--out", "run"]) == 130
+    assert capsys.readouterr().err == "loco-mjx: stopped\n"
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_reader_that_leaves_is_told_on_stderr_how_to_go_on(capsys, tmp_path, monkeypatch):
     read, write = os.pipe()
     monkeypatch.setattr(start, "build", lambda config: Interrupted(tiny_trainer(config), 3, lambda: os.close(read)))
