@@ -1,7 +1,7 @@
 """What is learnt in minutes with a teacher: ``python -m experiments.taught``.
 
-LocoTransformer by `loco-mjx train --method distill` at its default sizes, on the tasks and seeds below; every run
-resumes, so the command can be typed again. Results go to ``experiments/results/cpu/taught/``.
+LocoTransformer, and once a blind policy, by `loco-mjx train --method distill` at its default sizes; every run resumes,
+so the command can be typed again. Results go to ``experiments/results/cpu/taught/``.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pathlib import Path
 
 from experiments.learning import evaluate
 
+SEEING = "loco-transformer"
 RESULTS = Path(__file__).parent / "results" / "cpu" / "taught"
 ELSEWHERE = {"mountain": (), "thin": ("wide",), "wide": ("thin",), "thin-sphere": (), "wide-sphere": (), "moving": ()}
 
@@ -27,24 +28,28 @@ class Run:
     Attributes:
         task: to train on.
         seed: of everything random.
+        policy: to train.
     """
 
     task: str
     seed: int
+    policy: str = SEEING
 
     @property
     def name(self) -> str:
         """Name of its directories."""
-        return f"{self.task}-seed{self.seed}"
+        return f"{self.task}{'' if self.policy == SEEING else '-' + self.policy}-seed{self.seed}"
 
 
 RUNS = tuple(Run(task, seed) for task in ("mountain", "thin") for seed in (0, 1, 2))
+RUNS += (Run("mountain", 0, "state-only"),)
 RUNS += tuple(Run(task, 0) for task in ("wide", "thin-sphere", "wide-sphere", "moving"))
 
 
 def train(run: Run, directory: Path) -> None:
     """Trains the teacher and its pupil, or goes on training."""
-    command = ["--task", run.task, "--method", "distill", "--seed", str(run.seed), "--out", str(directory)]
+    command = ["--task", run.task, "--policy", run.policy, "--method", "distill", "--seed", str(run.seed)]
+    command += ["--out", str(directory)]
     subprocess.run([sys.executable, "-m", "loco_mjx.cli.main", "train", *command], check=True)
 
 

@@ -8,13 +8,16 @@ from typing import Any
 
 from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, rows, table
 from loco_mjx.compare import paper
+from loco_mjx.scene.tasks import get_task
 
 TAUGHT = """## Taught, on a CPU
 
-`python -m experiments.taught` trains LocoTransformer by `--method distill`: a teacher that sees what only a simulator
-knows learns by PPO, and the policy imitates it from pixels; no PPO of its own. Deterministic, {episodes} episodes of
-{seconds:g} s in scenes neither has seen; means over seeds, ± their standard deviation. The paper's figures are
-LocoTransformer's by PPO alone, after 15 million samples, five seeds. "Falls" is the share of episodes that end in one.
+`python -m experiments.taught` trains by `--method distill`: a teacher that sees what only a simulator knows learns by
+PPO, and the policy imitates it from pixels; no PPO of its own. Deterministic, {episodes} episodes of {seconds:g} s in
+scenes neither has seen; means over seeds, ± their standard deviation. The paper's figures are by PPO
+alone, after 15 million samples, five seeds. "Falls" is the share of episodes that end in one; on `mountain` "distance"
+is, as in the paper, from start to end, so that a robot that runs past the summit and down the other side has the most,
+and "progress" is how much nearer the goal has come.
 """
 TIMES = """The samples and minutes of each run, teacher and policy; the machine was shared with other work, so times are
 upper bounds:
@@ -27,40 +30,52 @@ def taught() -> str:
     if not found:
         return ""
     runs = [path.parent for path in found]
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
     for run in runs:
         for path in sorted(run.glob("evaluation-*.json")):
             result = json.loads(path.read_text())
-            groups.setdefault((result["trained_on"], result["task"]), []).append(result)
+            groups.setdefault((result["policy"], result["trained_on"], result["task"]), []).append(result)
     results = [result for group in groups.values() for result in group]
     text = TAUGHT.format(episodes=_only({r["num_episodes"] for r in results}), seconds=40)
-    head = ["trained on", "evaluated on", "seeds", "distance", "falls", "collisions", *BESIDE_WORDS]
+    head = [
+        "policy",
+        "trained on",
+        "evaluated on",
+        "seeds",
+        "distance",
+        "progress",
+        "falls",
+        "collisions",
+        *BESIDE_WORDS,
+    ]
     head += ["paper: distance", "paper: collisions"]
     body = [_line(where, [result["metrics"] for result in group]) for where, group in groups.items()]
     times = table(["run", "teacher's samples", "policy's samples", "minutes"], [_times(run) for run in runs])
     return "\n".join([text, table(head, body), TIMES, times])
 
 
-def _line(where: tuple[str, str], metrics: list[dict[str, Any]]) -> list[str]:
+def _line(where: tuple[str, str, str], metrics: list[dict[str, Any]]) -> list[str]:
     falls = [1.0 - one["survived"]["mean"] for one in metrics]
     wanted = {"collisions": 0} | BESIDE
     printed = [_printed(*where, metric) for metric in (paper.DISTANCE, paper.COLLISIONS)]
+    goal = get_task(where[2]).toward_goal
     return [
         *where,
         str(len(metrics)),
         figure(metrics, "distance", 2),
+        figure(metrics, "progress", 2) if goal else "—",
         f"{sum(falls) / len(falls):.0%}",
         *(figure(metrics, name, digits) for name, digits in wanted.items()),
         *printed,
     ]
 
 
-def _printed(trained_on: str, task: str, metric: str) -> str:
-    """LocoTransformer's figure in the paper, or a dash."""
-    for one in paper.TABLES:
+def _printed(policy: str, trained_on: str, task: str, metric: str) -> str:
+    """The policy's figure in the paper, or a dash."""
+    for one in (printed for printed in paper.TABLES if printed is not paper.ABLATION):
         for i, column in enumerate(one.columns):
             if (column.trained_on, column.evaluated_on, column.metric) == (trained_on, task, metric):
-                value = one.rows[-1].values[i] if one is not paper.ABLATION else None
+                value = next(row.values[i] for row in one.rows if row.variant.policy == policy)
                 return f"{value[0]} ± {value[1]}" if value else "—"
     return "—"
 
