@@ -42,3 +42,17 @@ def test_where_results_are_shown_it_is_said_of_which_preset_they_are():
     assert used and not published, "a run of the paper preset is published: the documents may say so"
     for words in (document.LEARNING, ordering.COMPARISON, text("docs/comparing.md")):
         assert "`paper`" in words and "`fast` preset" in " ".join(words.split())
+
+
+def test_reliability_is_what_the_campaign_of_faults_found():
+    found, said = json.loads((ROOT / "experiments/results/faults.json").read_text()), text("docs/reliability.md")
+    damage, disks = found["corruptions"], found["disks"]
+    wrong = sum(damage[name] for name in ("tracebacks", "wrong", "wrote"))
+    assert f"of {damage['injected']} damaged runs {damage['went_on']} went on" in said
+    assert f"{damage['refused']} refused; tracebacks, wrong ends and refusals that wrote something: {wrong}." in said
+    assert (
+        f"Of {disks['injected']} disks that filled up, {disks['ended']} runs ended by themselves and {disks['went_on']}"
+        in said
+    )
+    assert ("Kills are not in it yet" in said) == ("kills" not in found)
+    assert found["problems"] == []

@@ -9,11 +9,18 @@ from pathlib import Path
 import pytest
 
 CHILD = """
-import hashlib, sys
+import hashlib, sys, threading, time
 from loco_mjx.run.stop import Stop
 
-with Stop(lambda text: print(text, flush=True), can_leave=sys.argv[1] == "can leave", farewell=lambda: print("bye")):
+def tell():
+    at_it.wait()
+    time.sleep(0.5)  # by now the main thread is in the function
     print("busy", flush=True)
+
+at_it = threading.Event()
+threading.Thread(target=tell, daemon=True).start()
+with Stop(lambda text: print(text, flush=True), can_leave=sys.argv[1] == "can leave", farewell=lambda: print("bye")):
+    at_it.set()
     hashlib.pbkdf2_hmac("sha256", b"word", b"salt", 2_000_000_000)  # half an hour without a look at signals
 """
 
