@@ -20,9 +20,9 @@ A1 = Path(__file__).parents[2] / "mjcf" / "a1.xml"
 SEEN = DepthConfig(height=8, width=8)
 
 
-def raw(hold: int = 1) -> dict:
-    """A manifest without files, and so without its hash."""
-    env = EnvConfig(observation=ObservationConfig(depth=SEEN))
+def raw(hold: int = 1, **observed: bool) -> dict:
+    """A manifest without files, and so without its hash; `observed` are keys of the observation."""
+    env = EnvConfig(observation=ObservationConfig(depth=SEEN, **observed))
     config = Config(policy="made up", env=env, network=NetworkConfig(hold=hold))
     training = {"task": "thin", "samples": 8192, "evaluation": None}
     versions = {"loco-mjx": "0"}

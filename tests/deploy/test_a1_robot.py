@@ -144,9 +144,8 @@ def test_policies_it_cannot_feed_are_refused_before_it_is_spoken_to(sdk, tmp_pat
     flat.write(tmp_path)
     assert main(["deploy", str(tmp_path), "--robot", "a1"]) == 2
     assert "--env.observation.displacement False" in capsys.readouterr().err
-    fields = [*flat.raw()["inputs"]["state"]["fields"][1:], {"name": "goal", "size": 3, "frames": 3}]
-    inputs = flat.raw()["inputs"] | {"state": {"shape": [93], "fields": fields}}
-    flat.write(tmp_path, {"inputs": inputs})
+    goal = flat.raw(displacement=False, goal=True)
+    flat.write(tmp_path, {name: part for name, part in goal.items() if name != "files"})
     assert main(["deploy", str(tmp_path), "--robot", "a1"]) == 2
     assert "--env.observation.goal False" in capsys.readouterr().err
     assert Udp.last is None
