@@ -33,9 +33,11 @@ def write(path: Path, changes: dict | None = None, content: bytes | None = None)
     """A policy folder whose ONNX file (or `content`) adds nothing to the default pose, whatever it sees."""
     from onnx import TensorProto, helper, numpy_helper
 
+    described = raw() | (changes or {})
+    size = described["inputs"]["state"]["shape"][0] if isinstance(described.get("inputs"), dict) else 93
     pose = numpy_helper.from_array(np.array(a1.DEFAULT_POSE, np.float32), "pose")
     inputs = [
-        helper.make_tensor_value_info("state", TensorProto.FLOAT, (93,)),
+        helper.make_tensor_value_info("state", TensorProto.FLOAT, (size,)),
         helper.make_tensor_value_info("depth", TensorProto.FLOAT, (8, 8, 4)),
     ]
     output = helper.make_tensor_value_info("targets", TensorProto.FLOAT, (12,))
