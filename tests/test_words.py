@@ -7,6 +7,7 @@ import pytest
 
 from experiments import committed, document, ordering
 from experiments.paper import EXPERIMENTS
+from loco_mjx.compare import paper
 from loco_mjx.config import PPOConfig, preset
 
 ROOT = Path(__file__).parents[1]
@@ -36,12 +37,23 @@ def test_no_speed_is_claimed_that_no_result_stands_behind():
 
 def test_where_results_are_shown_it_is_said_of_which_preset_they_are():
     assert {experiment.preset for experiment in EXPERIMENTS} == {"paper"}
-    keys, paper = ("minibatch", "epochs", "learning_rate"), preset("paper").ppo
+    keys, authors = ("minibatch", "epochs", "learning_rate"), preset("paper").ppo
     used = [json.loads((path / "config.json").read_text())["ppo"] for path in committed.runs().values()]
-    published = any(all(ppo[key] == getattr(paper, key) for key in keys) for ppo in used)
+    published = any(all(ppo[key] == getattr(authors, key) for key in keys) for ppo in used)
     assert used and not published, "a run of the paper preset is published: the documents may say so"
     for words in (document.LEARNING, ordering.COMPARISON, text("docs/comparing.md")):
         assert "`paper`" in words and "`fast` preset" in " ".join(words.split())
+
+
+def test_what_is_said_of_teaching_is_what_came_of_it():
+    found = [json.loads(path.read_text()) for path in (committed.RESULTS / "taught").glob("mountain-seed*/evaluation*")]
+    farthest = [result["metrics"]["distance"]["mean"] for result in found]
+    (row,) = (row for row in paper.MOUNTAIN.rows if row.variant.policy == "loco-transformer")
+    assert min(farthest) > row.values[0][0]
+    for path in (committed.RESULTS / "taught").glob("mountain-seed*"):
+        parts = [committed.rows(path / name)[-1]["step"] for name in ("metrics.csv", "teacher-metrics.csv")]
+        assert sum(parts) <= 3.05e6
+    assert "farther on `mountain` after 3 million samples" in text("README.md")
 
 
 def test_reliability_is_what_the_campaign_of_faults_found():
