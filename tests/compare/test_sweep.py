@@ -47,7 +47,8 @@ class Stub:
         options = train.read(words)
         config = train.configuration(options)
         directory.write_json(options.out / "config.json", to_dict(config))
-        checkpoint.path_of(options.out, STEPS).mkdir(parents=True)
+        saved = checkpoint.path_of(options.out, STEPS)
+        directory.write_json(saved / checkpoint.MANIFEST, {"step": STEPS, "config": to_dict(config), "files": {}})
         with (options.out / "metrics.csv").open("w") as file:
             csv.writer(file).writerows([["step", "time/seconds"], [8192, 10.0], [STEPS, 16.384]])
 

@@ -2,39 +2,39 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
-import jax
 import jax.numpy as jp
 import pytest
 
+import loco_mjx.env
 from loco_mjx.cli import train
-from loco_mjx.config import Config, EnvConfig
 from loco_mjx.errors import UnknownNameError, UserError
-from loco_mjx.evaluation.policy import observation_shapes
-from loco_mjx.mesh import make_mesh
-from loco_mjx.networks.policies import make_networks
-from loco_mjx.ppo import normalizer
 from loco_mjx.run import loop, start
 from loco_mjx.run.record import Run
+from tests.run.tiny import TinyEnv, tiny_config, tiny_trainer
 
 
-def test_other_tasks_are_evaluated_beside_the_own_one(tmp_path):
-    config = Config(policy="state-only", env=EnvConfig(horizon=3))
-    networks = make_networks(config.policy, config.network, config.env.action.size)
-    obs = {name: jp.zeros((1, *shape)) for name, shape in observation_shapes(config).items()}
-    params = networks.init(jax.random.PRNGKey(0), obs)
-    state = SimpleNamespace(params=params, normalizer=normalizer.create(config.env.observation.state_size))
-    trainer = SimpleNamespace(networks=networks, mesh=make_mesh())
+class TaskEnv(TinyEnv):
+    """The tiny environment, whose goal is farther on the mountain."""
+
+    def __init__(self, config):
+        self.goal = 3.0 if config.task == "mountain" else 1.0
+
+    def reset(self, key):
+        return self.observe(self.begin(key, jp.full((), self.goal)))
+
+
+def test_other_tasks_are_evaluated_beside_the_own_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(loco_mjx.env, "LocoEnv", TaskEnv)
+    config = tiny_config()
+    trainer = tiny_trainer(config)
     options = loop.LoopOptions(evaluation_episodes=2)
-    run = Run(config, tmp_path)
-    (evaluate,) = start.evaluators([run], trainer, options, ["thin", "mountain"])  # thin is its own
-    found = evaluate(state)
+    (evaluate,) = start.evaluators([Run(config, tmp_path)], trainer, options, ["thin", "mountain"])  # thin is its own
+    found = evaluate(trainer.init())
     own = {name for name in found if not name.startswith("mountain/")}
-    assert {"distance", "collisions", "return"} <= own
+    assert {"distance", "return", "length"} <= own
     assert set(found) == own | {f"mountain/{name}" for name in own}
-    assert found["length"] == found["mountain/length"] == 3.0
-    assert found["mountain/distance"] != found["distance"]
+    assert found["mountain/distance"] == found["distance"]
+    assert found["mountain/return"] == pytest.approx(found["return"] - 2.0 * found["length"], abs=1e-4)
 
 
 @pytest.mark.parametrize(("listed", "error"), [("wide,moutain", UnknownNameError), ("wide,,thin", UserError)])
