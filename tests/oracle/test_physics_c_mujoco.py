@@ -17,7 +17,7 @@ from loco_mjx.physics.step import Dynamics, PhysicsState, initial_state, nominal
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
-from loco_mjx.scene.types import OBSTACLE, STEP, Terrain
+from loco_mjx.scene.types import OBSTACLE, STEP
 from tests.physics import world
 from tests.physics.world import CONVERGED, DEFAULT, c_rollout, flat_c_model, rollout, scene, standing, trot_targets
 
@@ -159,25 +159,6 @@ def test_a_foot_squeezed_by_two_blocks_feels_both_as_in_c():
     np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-3)
 
 
-def test_hard_landings_on_rough_ground_are_cs_with_the_same_planes():
-    """C's own prisms push a deep foot sideways: on the same ground they lead elsewhere."""
-    rng = np.random.default_rng(4)
-    terrain = Terrain(jp.asarray(rng.uniform(0.0, 0.05, (30, 30)), jp.float32), (-1.5, -1.5), 0.1)
-    full, velocity = scene(terrain=terrain), np.eye(18)[0] - 3.0 * np.eye(18)[2]
-    places = rng.uniform(-0.5, 0.5, (world.BATCH, 2))
-    starts = [standing(x, y, 0.05 + a1.STAND_HEIGHT) for x, y in places]
-    targets, c_model = world.still(5), scene_spec(full).compile()
-    states = [PhysicsState(jp.asarray(q), jp.asarray(velocity, jp.float32), jp.zeros(18)) for q in starts]
-    ours, _ = rollout(states, [full] * world.BATCH, targets, [_gait()] * world.BATCH, CONVERGED)
-    with_planes, with_prisms = [], []
-    for found, start in zip(ours.qpos, starts, strict=True):
-        for errors, step in ((with_planes, TerrainContacts(c_model).step), (with_prisms, None)):
-            errors.append(np.abs(found - c_rollout(c_model, start, targets, *GAIT, qvel=velocity, step=step)))
-    assert np.median(with_planes) < 1e-4
-    assert np.max(with_planes) < 0.02  # a triangle's edge is crossed a step sooner or later
-    assert np.median(with_prisms) > 1e-3
-
-
 def test_trot_on_flat_ground_follows_c():
     """Drift from C over 20 control steps (320 physics steps)."""
     targets = trot_targets(20)
@@ -266,6 +247,23 @@ def test_states_are_the_same_robot():
     np.testing.assert_allclose(world.physics(DEFAULT).mjx.body_inertia, model.body_inertia, rtol=1e-6)
     assert state.qpos.shape == (model.nq,) and state.qvel.shape == (model.nv,)
     assert jax.tree.leaves(state)[0].dtype == jp.float32
+
+
+def test_hard_landings_on_rough_ground_are_cs_with_the_same_planes():
+    """C's own prisms push a deep foot sideways: on the same ground they lead elsewhere."""
+    worlds = [jax.jit(get_task("heightfield").generate)(jax.random.PRNGKey(i)) for i in range(world.BATCH)]
+    velocity, targets = np.eye(18)[0] - 3.0 * np.eye(18)[2], world.still(5)
+    starts = [standing(1.6, 0.3 * i - 0.5, 0.06 + a1.STAND_HEIGHT) for i in range(world.BATCH)]
+    states = [PhysicsState(jp.asarray(q), jp.asarray(velocity, jp.float32), jp.zeros(18)) for q in starts]
+    ours, _ = rollout(states, worlds, targets, [_gait()] * world.BATCH)
+    with_planes, with_prisms = [], []
+    for found, start, one in zip(ours.qpos, starts, worlds, strict=True):
+        c_model = scene_spec(one).compile()
+        for errors, step in ((with_planes, TerrainContacts(c_model).step), (with_prisms, None)):
+            errors.append(np.abs(found - c_rollout(c_model, start, targets, *GAIT, qvel=velocity, step=step)))
+    assert np.median(with_planes) < 5e-4  # the solver's iterations are those of training
+    assert np.max(with_planes) < 0.02  # a triangle's edge is crossed a step sooner or later
+    assert np.median(with_prisms) > 10 * np.median(with_planes)
 
 
 def test_distance_walked_over_a_heightfield():
