@@ -115,6 +115,6 @@ def plan(options: Options) -> Plan:
 
     changes = Variant("", tuple(parse_change(text) for text in options.changes)).words[2:]
     more = [] if options.num_envs is None else ["--num-envs", str(options.num_envs)]
-    eval_tasks = tuple(parse_names(options.eval_tasks, "tasks")) if options.eval_tasks else ()
+    eval_tasks = tuple(parse_names(options.eval_tasks, "tasks")) if options.eval_tasks is not None else ()
     words = (*changes, *more)
     return Plan(options.out, options.preset, options.total_steps, eval_tasks, options.episodes, words)

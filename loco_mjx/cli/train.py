@@ -199,7 +199,7 @@ def configuration(options: Options) -> Config:
 
     if options.policy not in POLICIES:
         raise UnknownNameError("policy", options.policy, POLICIES)
-    env = dataclasses.replace(options.env, task=options.task or options.env.task)
+    env = dataclasses.replace(options.env, task=options.env.task if options.task is None else options.task)
     if not POLICIES[options.policy].uses_depth:  # nothing would look at it
         depth = dataclasses.replace(env.observation.depth, enabled=False)
         env = dataclasses.replace(env, observation=dataclasses.replace(env.observation, depth=depth))

@@ -10,6 +10,7 @@ from loco_mjx.deploy.robot import Frame, Sensors
 JOINT_SPEED = 60.0  # rad/s; the motors reach 21, an impact a little more
 TRUNK_SPEED = 35.0  # rad/s, the gyroscope's range, 2000 °/s
 NORM = 0.1  # by which a quaternion's norm may differ from 1
+MOVED = 0.05  # rad; a joint whose target has moved by more does not stay where it is to the last bit
 SHAPES = {"angles": 12, "velocities": 12, "quat": 4, "gyro": 3}
 
 
@@ -67,3 +68,25 @@ class Unchanged:
         if self._value is None or not np.array_equal(value, self._value):
             self._value, self._since = value.copy(), when
         return when - self._since
+
+
+class Stuck:
+    """For how long each joint has measured the same to the last bit while its target moved: an encoder that is stuck.
+
+    A joint that holds a pose may well measure the same; one that is to go elsewhere does not.
+    """
+
+    def __init__(self) -> None:
+        """Has seen nothing yet."""
+        self._measured = np.full((2, 12), np.nan)
+        self._since, self._low, self._high = np.zeros(12), np.zeros(12), np.zeros(12)
+
+    def seconds(self, sensors: Sensors, targets: np.ndarray) -> np.ndarray:
+        """(12,) s, 0 where the target has not moved; takes in a measurement and (12,) targets, rad."""
+        measured = np.stack([sensors.angles, sensors.velocities])
+        same = np.all(measured == self._measured, axis=0)
+        self._measured = measured
+        self._since = np.where(same, self._since, sensors.time)
+        self._low = np.where(same, np.minimum(self._low, targets), targets)
+        self._high = np.where(same, np.maximum(self._high, targets), targets)
+        return np.where(self._high - self._low > MOVED, sensors.time - self._since, 0.0)

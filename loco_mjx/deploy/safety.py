@@ -17,7 +17,7 @@ import numpy as np
 
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.observer import up
-from loco_mjx.deploy.plausible import Unchanged, impossible, malformed, unusable
+from loco_mjx.deploy.plausible import Stuck, Unchanged, impossible, malformed, unusable
 from loco_mjx.deploy.robot import Frame, Sensors
 from loco_mjx.ranges import Range, check
 
@@ -66,7 +66,7 @@ class Limits:
         frame_age: s; a camera at 25 Hz or more may lose a few frames.
         missed: deadlines in a row, and ticks by which one may be overdue.
         frozen: s for which measurements, or an image that shows anything, may stay the same to the last bit; images
-            four times as long.
+            four times as long; a single joint if its target moves meanwhile.
     """
 
     min_up: Annotated[float, Range(0, 1, above=True, below=True)] = 0.5
@@ -134,6 +134,7 @@ class Guard:
         self.limits = limits
         self._now = -math.inf
         self._joints, self._trunk, self._image = Unchanged(), Unchanged(), Unchanged()
+        self._encoders = Stuck()
         self._manifest = manifest
         self._saturated = np.zeros(12)  # s
         self._missed = 0
@@ -191,6 +192,14 @@ class Guard:
             if same > self.limits.frozen:
                 raise Stop(Cause.STALE_SENSORS, f"the {name} have not changed for {same:.2f} s")
 
+    def _stuck(self, sensors: Sensors, targets: np.ndarray) -> None:
+        """Refuses a joint that measures the same while it is told to move; the others' changes hide it above."""
+        same = self._encoders.seconds(sensors, targets)
+        worst = int(np.argmax(same))
+        if same[worst] > self.limits.frozen:
+            name = self._manifest.joints[worst]
+            raise Stop(Cause.STALE_SENSORS, f"{name} has not changed for {same[worst]:.2f} s, but its target has")
+
     def action(self, targets: np.ndarray) -> None:
         """Refuses what is not 12 numbers."""
         if targets.shape != (12,):
@@ -209,10 +218,12 @@ class Guard:
     def clamp(self, targets: np.ndarray, sensors: Sensors, kp: float, kd: float) -> np.ndarray:
         """(12,) targets such that the PD law asks for no more than the torque limit, and within the joints' limits.
 
-        The joints' limits come last: whatever is measured, no command is beyond them.
+        The joints' limits come last: whatever is measured, no command is beyond them. Raises Stop for a joint that
+        asks for too much for too long, or that measures the same while its target moves.
         """
         m = self._manifest
         within = np.clip(targets, m.lower, m.upper)
+        self._stuck(sensors, within)
         torque = kp * (within - sensors.angles) - kd * sensors.velocities
         over = np.abs(torque) > m.torque_limit
         self._saturated = np.where(over, self._saturated + 1 / m.pd_hz, 0.0)

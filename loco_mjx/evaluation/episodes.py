@@ -45,7 +45,7 @@ def evaluation_config(config: EnvConfig, task: str | None = None, randomize: boo
     depth = dataclasses.replace(observation.depth, noise=None)
     return dataclasses.replace(
         config,
-        task=task or config.task,
+        task=config.task if task is None else task,
         observation=dataclasses.replace(observation, depth=depth),
         randomization=dataclasses.replace(config.randomization, enabled=randomize),
     )

@@ -64,7 +64,7 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text())
     except OSError as error:
         raise UserError(f"{path}: {error.strerror or error}; a readable file is needed") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:  # the latter if it is nested thousands deep
         raise UserError(f"{path} is not valid JSON ({error}); restore it, or use another directory") from error
 
 

@@ -4,6 +4,7 @@ from typing import Literal
 import pytest
 import tyro
 
+from loco_mjx.cli.main import main
 from loco_mjx.cli.parse import parse
 from loco_mjx.errors import UserError
 
@@ -111,3 +112,13 @@ def test_a_free_word_is_no_value_of_the_option_before_it():
     assert parse(Placed, ["--count", "2", "run", "--count", "2"], "loco-mjx do") == Placed("run", 2)
     with pytest.raises(UserError, match="--count is given twice"):
         parse(Placed, ["--count", "2", "run", "--count", "3"], "loco-mjx do")
+
+
+@pytest.mark.parametrize("words", ["train --task=", "sweep --dry-run --eval-tasks=", "play --zero --task="])
+def test_an_empty_name_is_not_taken_for_the_default(words, capsys, tmp_path, monkeypatch):
+    """As a script has it whose variable is not set."""
+    monkeypatch.chdir(tmp_path)
+    assert main([*words.split(), *(["--video", "a.gif"] if words.startswith("play") else [])]) == 2
+    said = capsys.readouterr().err
+    assert "''" in said and len(said.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []

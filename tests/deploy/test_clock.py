@@ -2,29 +2,19 @@
 
 import math
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pytest
 
 from loco_mjx.cli.main import main
-from loco_mjx.deploy.safety import Cause, Limits
+from loco_mjx.deploy.safety import Cause, Guard, Limits, Stop
 from loco_mjx.errors import UserError
 from tests.deploy import flat
-from tests.deploy.test_safety import FAULT, Faulty, lies, stopped
+from tests.deploy.faulty import FAULT, Clock, Faulty, lies
+from tests.deploy.test_safety import stopped
 
-
-class Clock(Faulty):
-    """Its clock is changed from FAULT on."""
-
-    def __init__(self, change):
-        self.change = change
-        super().__init__()
-
-    def now(self):
-        true = super().now()
-        return self.change(true) if true > FAULT else true
-
-
+JOINTS = ("angles", "velocities")
 JUMPS = {"back": lambda t: t - 1.0, "no number": lambda t: math.nan, "still": lambda t: FAULT}
 
 
@@ -58,6 +48,31 @@ def test_measurements_that_stand_still(names):
     robot = Faulty(sensors=freeze)
     record = stopped(robot, Cause.STALE_SENSORS, limits=Limits(frozen=0.2))
     assert "not changed" in record.detail and lies(robot)
+
+
+def test_one_encoder_that_stands_still_while_the_others_go_on():
+    knee, kept, ticks = np.arange(12) == 5, [], count()
+
+    def stick(sensors):
+        kept.append(sensors)
+        stuck = {name: np.where(knee, getattr(kept[0], name), getattr(sensors, name)) for name in JOINTS}
+        return replace(sensors, **stuck)
+
+    def sway(obs):
+        return flat.still(obs) + 0.1 * math.sin(next(ticks)) * np.tile([0.0, 1.0, -1.0], 4)
+
+    robot = Faulty(sensors=stick)
+    record = stopped(robot, Cause.STALE_SENSORS, policy=sway, limits=Limits(frozen=0.2))
+    assert "FL_calf_joint has not changed" in record.detail and lies(robot)
+    assert flat.runner(Faulty(), policy=sway, limits=Limits(frozen=0.2)).run(1.0).cause is None
+
+
+def test_a_joint_that_is_to_stay_may_measure_the_same():
+    guard, sensors = Guard(flat.manifest(), Limits()), Faulty(lying=False).read()
+    for tick in range(20):
+        guard.clamp(sensors.angles, replace(sensors, time=0.1 * tick), 40.0, 0.6)
+    with pytest.raises(Stop, match="its target has"):
+        guard.clamp(sensors.angles + 0.06, sensors=replace(sensors, time=2.0), kp=40.0, kd=0.6)
 
 
 def test_images_that_stand_still():

@@ -8,7 +8,8 @@ import pytest
 from loco_mjx import a1
 from loco_mjx.deploy.safety import Cause, Guard, Limits
 from tests.deploy import flat
-from tests.deploy.test_safety import Faulty, lies, stopped
+from tests.deploy.faulty import Faulty, lies
+from tests.deploy.test_safety import stopped
 
 ONE = np.eye(12)[2]
 

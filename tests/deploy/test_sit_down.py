@@ -9,7 +9,8 @@ import pytest
 
 from loco_mjx.deploy.safety import Cause, Limits
 from tests.deploy import flat
-from tests.deploy.test_safety import Faulty, lies, stopped
+from tests.deploy.faulty import Faulty, lies
+from tests.deploy.test_safety import stopped
 
 TILTED = np.array([np.cos(0.6), np.sin(0.6), 0.0, 0.0])
 

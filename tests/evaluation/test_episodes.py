@@ -133,6 +133,7 @@ def test_evaluation_turns_noise_off_unless_asked_and_changes_nothing_else():
     )
     assert evaluation_config(noisy) == env
     assert evaluation_config(noisy, "wide") == dataclasses.replace(env, task="wide")
+    assert evaluation_config(noisy, "").task == ""  # which no environment is made of
     assert evaluation_config(env, randomize=True).randomization.enabled
 
 

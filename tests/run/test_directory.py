@@ -107,6 +107,12 @@ def test_json_is_replaced_in_one_go(tmp_path, monkeypatch):
     assert json.loads(path.read_text()) == {"old": 1}
 
 
+def test_json_that_is_nested_too_deeply_is_refused(tmp_path):
+    (tmp_path / "config.json").write_text("[" * 100_000)
+    with pytest.raises(UserError, match="is not valid JSON"):
+        directory.find(tmp_path)
+
+
 def test_about_names_versions_devices_and_commit():
     found = about.about(["loco-mjx", "train"])
     assert set(found["versions"]) >= {"python", "jax", "mujoco", "mujoco-mjx", "flax", "optax", "loco-mjx"}
