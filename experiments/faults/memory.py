@@ -14,23 +14,6 @@ EARLY, LATE = (0.2, 0.4), (0.8, 1.0)  # parts of the run that are compared
 CHECKPOINT_MINUTES = "0.05"  # so that it saves many times
 
 
-class Weighing:
-    """A learner that notes the process' resident memory after every iteration, in MB."""
-
-    def __init__(self, learner: Any) -> None:
-        self.init, self.make_pool, self._learner = learner.init, learner.make_pool, learner
-        self.weights: list[float] = []
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._learner, name)
-
-    def iterate(self, state: Any, pool: Any) -> Any:
-        """As the learner's."""
-        state, metrics = self._learner.iterate(state, pool)
-        self.weights.append(resident())
-        return state, metrics
-
-
 def resident() -> float:
     """Resident memory of this process, MB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
@@ -40,11 +23,12 @@ def resident() -> float:
 def memory(folder: Path, seed: int, count: int) -> dict[str, Any]:
     """Trains for so many iterations, with checkpoints, rows and events, and compares early and late memory."""
     out = folder / "long"
-    weighing = Weighing(training.trainer(out)[0])
-    start.build = lambda config: weighing
+    weights: list[float] = []  # MB, after every iteration
+    watched = training.Watched(training.trainer(out)[0], lambda state: weights.append(resident()))
+    start.build = lambda config: watched
     code, said = training.run(out, count, "--checkpoint-minutes", CHECKPOINT_MINUTES)
     assert code == 0, said
-    means = [_mean(weighing.weights, part) for part in (EARLY, LATE)]
+    means = [_mean(weights, part) for part in (EARLY, LATE)]
     growth = means[1] - means[0]
     problems = [f"memory grew by {growth:.1f} MB"] if growth > FLAT else []
     figures = {"early_mb": round(means[0], 1), "late_mb": round(means[1], 1), "growth_mb": round(growth, 1)}

@@ -79,11 +79,12 @@ def whole(folder: Path) -> tuple[list[Any], list[dict[str, str]]]:
     """The run that nothing happens to: its state after every iteration, and its curves."""
     out = folder / "whole"
     learner, _ = trainer(out)
-    keeping = Keeping(learner)
-    start.build = lambda config: keeping
+    states: list[Any] = []
+    watched = Watched(learner, lambda state: states.append(jax.tree.map(np.array, jax.device_get(state))))
+    start.build = lambda config: watched
     code, said = run(out, LONG)
     assert code == 0, said
-    return keeping.states, _curve(out)
+    return states, _curve(out)
 
 
 def kills(folder: Path, seed: int, count: int) -> dict[str, Any]:
@@ -226,12 +227,11 @@ class Campaign:
         return f"{name} of {path.relative_to(out)}"
 
 
-class Keeping:
-    """A learner that keeps its state after every iteration."""
+class Watched:
+    """A learner whose state somebody is shown after every iteration."""
 
-    def __init__(self, learner: Any) -> None:
-        self.init, self.make_pool, self._learner = learner.init, learner.make_pool, learner
-        self.states: list[Any] = []
+    def __init__(self, learner: Any, show: Callable[[Any], None]) -> None:
+        self.init, self.make_pool, self._learner, self._show = learner.init, learner.make_pool, learner, show
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._learner, name)
@@ -239,7 +239,7 @@ class Keeping:
     def iterate(self, state: Any, pool: Any) -> Any:
         """As the learner's."""
         state, metrics = self._learner.iterate(state, pool)
-        self.states.append(jax.tree.map(np.array, jax.device_get(state)))
+        self._show(state)
         return state, metrics
 
 

@@ -1,7 +1,7 @@
 """C MuJoCo's contacts of spheres with a heightfield, each with the plane of the triangle beneath the sphere's centre.
 
 C makes a contact with every prism that a sphere is in. Where the sphere is pressed in so deep that its centre is below
-the surface, as a foot is that lands at 2 m/s on the default softness, the nearest face of a neighbour's prism is its
+the surface, as a foot is that lands hard on the default softness, the nearest face of a neighbour's prism is its
 vertical side: C then pushes sideways, where there is nothing but ground. Robots are caught by it within a second. The
 planes are those of training (docs/architecture.md, Physics).
 """
@@ -11,6 +11,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+
+from loco_mjx.deploy.terrain_rays import heightfield
 
 AGAIN = ("mj_makeConstraint", "mj_island", "mj_projectConstraint", "mj_fwdVelocity")  # what contacts go into
 
@@ -86,10 +88,8 @@ def plane(model: Any, geom: int, points: np.ndarray) -> tuple[np.ndarray, np.nda
     Returns:
         (N,) m and (N, 3). Outside the grid the border's heights go on, level across it.
     """
-    field = model.geom_dataid[geom]
-    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
-    start, (half_x, half_y, top, _) = model.hfield_adr[field], model.hfield_size[field]
-    heights = model.hfield_data[start : start + rows * columns].reshape(rows, columns) * top
+    relative, (half_x, half_y, top, _) = heightfield(model, geom)
+    heights, (rows, columns) = relative * top, relative.shape
     u, i, cell_x, inside_x = _locate(points[:, 0] - model.geom_pos[geom, 0], half_x, columns)
     v, j, cell_y, inside_y = _locate(points[:, 1] - model.geom_pos[geom, 1], half_y, rows)
     near, far = heights[j, i], heights[j + 1, i + 1]

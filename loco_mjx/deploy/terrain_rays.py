@@ -10,8 +10,8 @@ import numpy as np
 class TerrainRays:
     """The ground's heightfields of a model, in a model of their own that has nothing else.
 
-    A 64 × 64 image takes 0.2 to 0.3 s of C's rays on the heightfield of `mountain` and a thirtieth of that on the mesh
-    of the same triangles, to the same distances.
+    An image of `mountain` takes many times as long by C's rays on its heightfield as by those on the mesh of the same
+    triangles, which end at the same distances.
     """
 
     def __init__(self, model: Any, seen: int, left: int) -> None:
@@ -36,11 +36,8 @@ class TerrainRays:
             mujoco.mj_forward(self._model, self._data)
 
     def _add(self, spec: Any, model: Any, geom: int, group: int) -> None:
-        mujoco, field = self._mujoco, model.geom_dataid[geom]
-        start = model.hfield_adr[field]
-        rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
-        part = model.hfield_data[start : start + rows * columns].reshape(rows, columns)
-        vertices, faces = surface(part, model.hfield_size[field])
+        mujoco = self._mujoco
+        vertices, faces = surface(*heightfield(model, geom))
         mesh = spec.add_mesh(name=f"ground_{geom}", inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
         mesh.uservert, mesh.userface = vertices.ravel(), faces.ravel().astype(np.int32)
         shown = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh.name, group=group)
@@ -66,6 +63,13 @@ class TerrainRays:
         )
         nearer = (also >= 0) & ((hit < 0) | (distance < far))
         hit[nearer], far[nearer] = also[nearer], distance[nearer]
+
+
+def heightfield(model: Any, geom: int) -> tuple[np.ndarray, np.ndarray]:
+    """A geom's heights (R, C) in 0..1, rows along y; and its size (4,), m, as in :func:`surface`."""
+    field = model.geom_dataid[geom]
+    start, rows, columns = model.hfield_adr[field], int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+    return model.hfield_data[start : start + rows * columns].reshape(rows, columns), model.hfield_size[field]
 
 
 def surface(heights: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
