@@ -20,8 +20,8 @@ from loco_mjx.cli import curves, table
 from loco_mjx.compare import launch, paper
 from loco_mjx.compare.cells import Cell, Plan
 from loco_mjx.compare.launch import Launcher, Local
-from loco_mjx.compare.variant import Variant
 from loco_mjx.errors import UserError
+from loco_mjx.run.variant import Variant
 
 POLICIES = tuple(paper.POLICIES.values())
 SEEDS = (0, 1, 2, 3, 4)

@@ -70,9 +70,9 @@ def main(args: Sequence[str]) -> int:
     options = parse(Options, args, PROG, names=("tasks", "policies", "presets"))
     from rich.console import Console
 
+    from loco_mjx.cli.comma_lists import parse_names, parse_seeds
     from loco_mjx.compare import launch
-    from loco_mjx.compare.lists import parse_names, parse_seeds
-    from loco_mjx.compare.variant import parse_variant
+    from loco_mjx.run.variant import parse_variant
 
     tasks, seeds = parse_names(options.tasks, "tasks"), parse_seeds(options.seeds)
     variants = [parse_variant(text) for text in parse_names(options.policies, "policies")]
@@ -109,9 +109,9 @@ def plan(options: Options) -> Plan:
     Raises:
         UserError: if a key is unknown.
     """
+    from loco_mjx.cli.comma_lists import parse_names
     from loco_mjx.compare.cells import Plan
-    from loco_mjx.compare.lists import parse_names
-    from loco_mjx.compare.variant import Variant, parse_change
+    from loco_mjx.run.variant import Variant, parse_change
 
     changes = Variant("", tuple(parse_change(text) for text in options.changes)).words[2:]
     more = [] if options.num_envs is None else ["--num-envs", str(options.num_envs)]

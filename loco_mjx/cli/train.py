@@ -22,7 +22,7 @@ from loco_mjx.errors import UnknownNameError, UserError
 from loco_mjx.ranges import SEED, Range
 from loco_mjx.run.loop import LoopOptions
 from loco_mjx.run.progress import duration
-from loco_mjx.run.record import Run
+from loco_mjx.run.run_log import Run
 
 PROG = "loco-mjx train"
 PRESET = "fast"
@@ -81,10 +81,10 @@ def main(args: Sequence[str]) -> int:
         UserError: if what is asked cannot be done; nothing is written then.
     """
     options = read(args)
-    from loco_mjx.run import hosts
+    from loco_mjx.run import multihost
 
-    where = hosts.place(options.coordinator, options.process_id, options.num_processes, os.environ)
-    with hosts.joined(where):
+    where = multihost.place(options.coordinator, options.process_id, options.num_processes, os.environ)
+    with multihost.joined(where):
         return _train(options, args, 1 if where is None else where.count)
 
 
@@ -95,7 +95,7 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
     eval_tasks = other_tasks(options)
     runs = planned(options, args, config)
 
-    from loco_mjx.run import directory, hosts, machine, start
+    from loco_mjx.run import directory, machine, multihost, start
     from loco_mjx.run.progress import Output
 
     found = [directory.find(run.directory) for run in runs]
@@ -103,7 +103,7 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
     console = Output()
     if not gave_total(options, args):
         totals = [run.ppo.total_steps for run in found if run is not None]
-        total = int(hosts.shared(str(max(totals) if totals else default_total(config, len(runs)))))
+        total = int(multihost.shared(str(max(totals) if totals else default_total(config, len(runs)))))
         runs = [dataclasses.replace(run, config=with_total(run.config, total)) for run in runs]
     for run, there in zip(runs, found, strict=True):
         if there is not None:
@@ -130,7 +130,7 @@ def other_tasks(options: Options) -> list[str]:
     Raises:
         UserError: if one of them is unknown, or the list is none.
     """
-    from loco_mjx.compare.lists import parse_names
+    from loco_mjx.cli.comma_lists import parse_names
     from loco_mjx.scene.tasks import get_task
 
     if options.eval_tasks is None:
@@ -144,7 +144,7 @@ def planned(options: Options, args: Sequence[str], config: Config) -> list[Run]:
     Raises:
         UserError: if the seeds mean nothing, or are given in two ways.
     """
-    from loco_mjx.compare.lists import parse_seeds
+    from loco_mjx.cli.comma_lists import parse_seeds
 
     home = Path("runs", config.env.task, config.policy)
     if options.seeds is None:

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from loco_mjx.compare.variant import Variant
 from loco_mjx.config import Config
 from loco_mjx.errors import UserError
 from loco_mjx.run import directory
 from loco_mjx.run.logger import CSV, SECONDS, STEP, read_rows
 from loco_mjx.run.loop import LoopOptions
+from loco_mjx.run.variant import Variant
 
 PROGRAM = (sys.executable, "-m", "loco_mjx.cli.main")
 EVALUATION_SEED = 0  # the same scenes for every policy

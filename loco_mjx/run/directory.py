@@ -169,7 +169,7 @@ def record_start(directory: Path, config: Config, about: dict[str, Any]) -> None
     Args:
         directory: the run's.
         config: the whole configuration.
-        about: versions, devices, commit and command (see loco_mjx/run/about.py), with the step begun at.
+        about: versions, devices, commit and command (see loco_mjx/run/provenance.py), with the step begun at.
     """
     info = read_json(directory / INFO) if (directory / INFO).exists() else None
     info = about | {"resumed": []} if info is None else info | {"resumed": [*info.get("resumed", []), about]}

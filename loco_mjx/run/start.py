@@ -14,9 +14,9 @@ from rich.console import Console
 
 from loco_mjx.config import Config, teacher_of, to_dict
 from loco_mjx.errors import UserError
-from loco_mjx.run import about, checkpoint, directory, hosts, loop
+from loco_mjx.run import checkpoint, directory, loop, multihost, provenance
 from loco_mjx.run.progress import Reporter
-from loco_mjx.run.record import Run, common_step
+from loco_mjx.run.run_log import Run, common_step
 from loco_mjx.run.summary import print_summary
 
 EVALUATION_SEED = 1_000_000  # added to the run's seed: the same scenes at every evaluation of a run
@@ -30,7 +30,7 @@ def build(config: Config) -> Any:
     """
     from loco_mjx.env import LocoEnv
     from loco_mjx.mesh import make_mesh
-    from loco_mjx.ppo.train import Trainer
+    from loco_mjx.ppo.trainer import Trainer
 
     return Trainer(config, LocoEnv(config.env), make_mesh())
 
@@ -38,9 +38,9 @@ def build(config: Config) -> Any:
 def build_student(config: Config, teacher: Path) -> Any:
     """As :func:`build`, for method `distill`; `teacher` is the finished run of its teacher."""
     from loco_mjx.env import LocoEnv
-    from loco_mjx.evaluation.policy import load_policy
     from loco_mjx.mesh import make_mesh
     from loco_mjx.ppo.distill import DistillTrainer, Teacher
+    from loco_mjx.run.policy import load_policy
 
     learnt = load_policy(teacher)
     given = jax.device_get((learnt.params, learnt.normalizer))
@@ -123,7 +123,7 @@ def train(
             directory.reconcile(run.directory, found, run.config)
         check_record(run.directory / directory.INFO)
     config = runs[0].config
-    hosts.check_same(json.dumps(to_dict(config)), "configuration")
+    multihost.check_same(json.dumps(to_dict(config)), "configuration")
     if config.method == "distill":
         stopped = teach(runs[0], options, console, command, eval_tasks)
         if stopped is not None:
@@ -141,15 +141,15 @@ def train(
 
         def record() -> None:
             for run in runs:
-                directory.record_start(run.directory, run.config, about.about(command) | {"samples": done})
+                directory.record_start(run.directory, run.config, provenance.about(command) | {"samples": done})
 
-        hosts.on_first(claim)
+        multihost.on_first(claim)
         seeds = [run.config.seed for run in runs]
-        print_summary(console, config, about.devices(), count_parameters(trainer, config), seeds)
+        print_summary(console, config, provenance.devices(), count_parameters(trainer, config), seeds)
         reporter = Reporter(console, len(runs) * total(config), len(runs) * done)
         try:
             evaluations = evaluators(runs, trainer, options, eval_tasks)
-            return loop.run_group(learner, runs, options, reporter, evaluations, lambda: hosts.on_first(record))
+            return loop.run_group(learner, runs, options, reporter, evaluations, lambda: multihost.on_first(record))
         finally:
             reporter.close()
 
@@ -169,7 +169,7 @@ def group(trainer: Any, runs: Sequence[Run]) -> loop.GroupLearner:
     """A configuration's trainer as the learner of one run or of several."""
     if len(runs) == 1:
         return loop.Single(trainer)
-    from loco_mjx.ppo.seeds import SeedsTrainer
+    from loco_mjx.ppo.multi_seed import SeedsTrainer
 
     return SeedsTrainer(trainer, [run.config.seed for run in runs])
 

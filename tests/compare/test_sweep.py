@@ -16,9 +16,9 @@ from loco_mjx.cli import train
 from loco_mjx.cli.main import main
 from loco_mjx.compare import estimate, execute, launch
 from loco_mjx.compare.cells import IMPORTS, PROGRAM, Plan
-from loco_mjx.compare.variant import Variant, parse_variant
 from loco_mjx.config import to_dict
 from loco_mjx.run import checkpoint, directory
+from loco_mjx.run.variant import Variant, parse_variant
 from tests.compare.runs import write_evaluation
 
 STATE, TRANSFORMER = Variant("state-only"), Variant("loco-transformer")

@@ -9,7 +9,7 @@ import loco_mjx.env
 from loco_mjx.cli import train
 from loco_mjx.errors import UnknownNameError, UserError
 from loco_mjx.run import loop, start
-from loco_mjx.run.record import Run
+from loco_mjx.run.run_log import Run
 from tests.run.tiny import TinyEnv, tiny_config, tiny_trainer
 
 
