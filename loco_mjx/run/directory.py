@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
-from loco_mjx.config import Config, from_dict, to_dict
+from loco_mjx.config import Config, flatten, from_dict, to_dict
 from loco_mjx.errors import UserError, unwritable
 
 CONFIG, INFO, LOCK, PARTIAL = "config.json", "info.json", "lock", ".partial"
@@ -128,17 +128,6 @@ def reconcile(directory: Path, found: Config, wanted: Config) -> None:
             f"{directory} holds another run: its {key} is {json.dumps(value)}{why}, asked for "
             f"{json.dumps(flat_wanted[key])}; use the same options to resume it, or another --out"
         )
-
-
-def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """A nested dictionary as one level, keys joined by dots; tuples become lists, as in JSON."""
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            flat |= flatten(value, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = list(value) if isinstance(value, tuple) else value
-    return flat
 
 
 @contextmanager
