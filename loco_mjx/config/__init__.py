@@ -2,7 +2,7 @@
 
 from loco_mjx.config.checks import check
 from loco_mjx.config.methods import teacher_of, with_method
-from loco_mjx.config.presets import PRESETS, preset
+from loco_mjx.config.presets import PRESETS, preset, with_robot
 from loco_mjx.config.tree import (
     ActionConfig,
     Config,
@@ -39,4 +39,5 @@ __all__ = [
     "teacher_of",
     "to_dict",
     "with_method",
+    "with_robot",
 ]

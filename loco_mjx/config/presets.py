@@ -6,6 +6,7 @@ import dataclasses
 
 from loco_mjx.config.tree import Config
 from loco_mjx.errors import UnknownNameError
+from loco_mjx.robots import DEFAULT, get_robot
 
 
 def _fast(config: Config) -> Config:
@@ -42,15 +43,29 @@ def _paper(config: Config) -> Config:
     return dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, optimizer="separate", value_loss=1.0))
 
 
+def with_robot(config: Config, name: str) -> Config:
+    """The configuration for a robot, by name or path: with its gains, and with what an action of 1 is to it.
+
+    Raises:
+        UnknownNameError: if there is no robot of that name.
+        UserError: if its MJCF does not fit.
+    """
+    robot = get_robot(name)
+    action = dataclasses.replace(config.env.action, scale=robot.action_scale)
+    env = dataclasses.replace(config.env, robot=name, kp=robot.kp, kd=robot.kd, action=action)
+    return dataclasses.replace(config, env=env)
+
+
 PRESETS = {"paper": _paper, "fast": _fast, "real": _real}
 
 
-def preset(name: str) -> Config:
-    """The configuration of a preset.
+def preset(name: str, robot: str = DEFAULT) -> Config:
+    """The configuration of a preset for a robot.
 
     Raises:
-        UnknownNameError: if there is no preset of that name.
+        UnknownNameError: if there is no preset, or no robot, of that name.
+        UserError: if the robot's MJCF does not fit.
     """
     if name not in PRESETS:
         raise UnknownNameError("preset", name, PRESETS)
-    return PRESETS[name](Config())
+    return PRESETS[name](with_robot(Config(), robot))

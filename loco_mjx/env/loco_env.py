@@ -1,4 +1,4 @@
-"""One A1 in one scene, as a Brax-style environment: written for one environment, made to be vmapped."""
+"""One robot in one scene, as a Brax-style environment: written for one environment, made to be vmapped."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 import jax
 import jax.numpy as jp
 
-from loco_mjx import a1
 from loco_mjx.config import EnvConfig
 from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
@@ -17,6 +16,7 @@ from loco_mjx.env import privileged, randomization, reward
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
 from loco_mjx.physics.step import Outcome, PhysicsState, control_step, initial_state
+from loco_mjx.robots import LEGS, NJOINT, get_robot
 from loco_mjx.scene import motion, pool, query, surface
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
@@ -34,11 +34,12 @@ class LocoEnv:
         """Builds the physics model of the task.
 
         Raises:
-            UnknownNameError: if the task is unknown.
+            UnknownNameError: if the task or the robot is unknown.
+            UserError: if the robot's MJCF does not fit.
         """
         self.config = config
-        self.task = get_task(config.task)
-        self._model = physics_model.build(config.physics, self.task.obstacle_slots)
+        self.task, self.robot = get_task(config.task), get_robot(config.robot)
+        self._model = physics_model.build(self.robot, config.physics, self.task.obstacle_slots)
 
     @property
     def action_size(self) -> int:
@@ -59,7 +60,7 @@ class LocoEnv:
     @property
     def dt(self) -> float:
         """Duration of a control step, s."""
-        return a1.CONTROL_DT
+        return self.robot.control_dt
 
     # Scenes ---------------------------------------------------------------------------------------------------------
 
@@ -79,7 +80,7 @@ class LocoEnv:
         return self.observe(self.begin(start_key, self.task.generate(scene_key)))
 
     def step(self, state: State, action: jax.Array) -> State:
-        """One control step of 0.04 s."""
+        """One control step."""
         return self.observe(self.advance(state, action))
 
     # Their parts ----------------------------------------------------------------------------------------------------
@@ -92,8 +93,8 @@ class LocoEnv:
             step=jp.zeros((), jp.int32),
             start=qpos[:3],
             first_obstacle=query.first_obstacle_x(scene),
-            last_action=jp.zeros(12),
-            history=obs_lib.first_history(self.config.observation),
+            last_action=jp.zeros(NJOINT),
+            history=obs_lib.first_history(self.config.observation, self.robot),
         )
         world = World(initial_state(qpos), scene, randomization.draw(robot_key, self.config), episode)
         info = {"key": episode_key, "truncation": jp.zeros(())}
@@ -105,7 +106,7 @@ class LocoEnv:
         command = self._command(action)
         scene = self.next_scene(state)
         before: World = state.pipeline_state
-        targets = jp.array(a1.DEFAULT_POSE) + command
+        targets = jp.array(self.robot.default_pose) + command
         physics, outcome = control_step(self._model, before.physics, scene, targets, before.randomization.dynamics)
         return self.conclude(state, scene, physics, outcome, command)
 
@@ -115,7 +116,7 @@ class LocoEnv:
         if not self.task.moving:
             return world.scene
         _, motion_key = jax.random.split(state.info["key"])
-        return motion.move(motion.redraw(motion_key, world.scene, world.episode.step), a1.CONTROL_DT)
+        return motion.move(motion.redraw(motion_key, world.scene, world.episode.step), self.dt)
 
     def conclude(
         self, state: State, scene: Scene, physics: PhysicsState, outcome: Outcome, command: jax.Array
@@ -147,11 +148,11 @@ class LocoEnv:
         goal = obs_lib.goal_in_base(world.scene.goal, qpos) if config.goal else None
         obs = {"state": obs_lib.state_vector(world.episode.history, goal)}
         if config.privileged:
-            obs["privileged"] = privileged.observe(world.scene, qpos, world.physics.qvel)
+            obs["privileged"] = privileged.observe(world.scene, self.robot.stand_height, qpos, world.physics.qvel)
         info = dict(state.info)
         if config.depth.enabled:
             info["key"], blind_key = jax.random.split(state.info["key"])
-            depth = render(world.scene, qpos, config.depth)
+            depth = render(world.scene, qpos, self.robot.camera, config.depth)
             noise = config.depth.noise if config.depth.noise is not None else self.config.randomization.enabled
             if noise:
                 depth = blind_pixels(blind_key, depth, config.depth)
@@ -165,11 +166,10 @@ class LocoEnv:
         # x, y = +U(-start_range, start_range)
         reach = self.config.start_range
         xy = jax.random.uniform(key, (2,), minval=-reach, maxval=reach)
-        feet_x = xy[0] + a1.HIP_X * jp.array([1.0, 1.0, -1.0, -1.0])
-        feet_y = xy[1] + (a1.HIP_Y + a1.THIGH_OFFSET) * jp.array([-1.0, 1.0, -1.0, 1.0])
-        z = jp.max(jax.vmap(lambda x, y: surface.ground_height(scene, x, y))(feet_x, feet_y)) + a1.STAND_HEIGHT
+        feet_x, feet_y = (xy[i] + jp.array([foot[i] for foot in self.robot.feet]) for i in range(2))
+        ground = jp.max(jax.vmap(lambda x, y: surface.ground_height(scene, x, y))(feet_x, feet_y))
         quat = jp.array([1.0, 0.0, 0.0, 0.0])
-        return jp.concatenate([xy, z[None], quat, jp.array(a1.DEFAULT_POSE)])
+        return jp.concatenate([xy, (ground + self.robot.stand_height)[None], quat, jp.array(self.robot.default_pose)])
 
     def _command(self, action: jax.Array) -> jax.Array:
         """(12,) joint targets relative to the default pose, rad."""
@@ -177,7 +177,7 @@ class LocoEnv:
         if self.config.action.diagonal:
             right, left = unit[:3], unit[3:]
             unit = jp.concatenate([right, left, left, right])
-        return unit * jp.tile(jp.array(self.config.action.scale), 4)
+        return unit * jp.tile(jp.array(self.config.action.scale), len(LEGS))
 
     def _facts(
         self, before: World, after: World, outcome: Outcome, spheres: jax.Array, change: jax.Array
@@ -191,7 +191,7 @@ class LocoEnv:
             spheres=spheres.astype(jp.float32),
             contact=outcome.obstacle_contact.astype(bool),
             dropped=outcome.dropped.astype(jp.float32),
-            action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), 4)) ** 2),
+            action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), len(LEGS))) ** 2),
             up=1 - 2 * (x * x + y * y),
             height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
         )
@@ -206,8 +206,8 @@ class LocoEnv:
         command: jax.Array,
         key: jax.Array,
     ) -> State:
-        terms = reward.rewards(facts, self.config.reward)
-        now = obs_lib.sense(outcome, world.randomization.latency)
+        terms = reward.rewards(facts, self.config.reward, self.dt)
+        now = obs_lib.sense(outcome, world.randomization.latency, self.robot.physics_dt)
         now |= {"displacement": facts.displacement, "last_action": command}
         episode = replace(
             world.episode,
@@ -242,7 +242,7 @@ class LocoEnv:
         return {
             "distance": straight if self.task.toward_goal else facts.displacement[0],
             "progress": facts.forward,
-            "speed": facts.forward / a1.CONTROL_DT,
+            "speed": facts.forward / self.dt,
             "collisions": contact * passed,
             "contacts": contact,
             "contacts/dropped": facts.dropped,
@@ -253,7 +253,7 @@ class LocoEnv:
     def _no_metrics(self, world: World) -> dict[str, jax.Array]:
         """What :meth:`_metrics` returns, all zeros: the metrics before the first step."""
         facts = reward.nothing()
-        terms = reward.rewards(facts, self.config.reward)
+        terms = reward.rewards(facts, self.config.reward, self.dt)
         return jax.tree.map(jp.zeros_like, self._metrics(world, world, facts, terms, jp.array(True)))
 
 

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jp
 from flax import struct
 
-from loco_mjx import a1
 from loco_mjx.config import RewardConfig, TerminationConfig
 
 
@@ -70,12 +69,12 @@ def forward_displacement(before: jax.Array, after: jax.Array, goal: jax.Array, t
     return after[0] - before[0]
 
 
-def rewards(facts: StepFacts, config: RewardConfig) -> dict[str, jax.Array]:
-    """Every term by name, weighted; the step's reward is their sum."""
-    speed = facts.forward / a1.CONTROL_DT
+def rewards(facts: StepFacts, config: RewardConfig, dt: float) -> dict[str, jax.Array]:
+    """Every term by name, weighted, of a step of dt seconds; its reward is their sum."""
+    speed = facts.forward / dt
     if config.target_speed is not None:
         speed = jp.minimum(speed, config.target_speed)
-    vertical_speed = facts.displacement[2] / a1.CONTROL_DT
+    vertical_speed = facts.displacement[2] / dt
     return {
         "forward": config.forward * speed,
         "energy": -config.energy * facts.torque_squared,

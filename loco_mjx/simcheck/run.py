@@ -85,7 +85,7 @@ def simcheck(
     env = LocoEnv(config)
     mesh = make_mesh(dividing(episodes))
     first = start(env, seed, episodes)
-    found, seconds, recorder = {}, {}, Recorder(manifest.hold, env.task.moving)
+    found, seconds, recorder = {}, {}, Recorder(manifest.hold, env.task.moving, manifest.default_pose)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         c = CSide(env, manifest, session, pool, prisms)
         for side, watch in ((MjxSide(env, manifest, session, pool, mesh), recorder), (c, None)):

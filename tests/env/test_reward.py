@@ -8,6 +8,7 @@ import pytest
 from loco_mjx.config import RewardConfig, TerminationConfig
 from loco_mjx.env.reward import StepFacts, forward_displacement, rewards, terminated
 
+DT = 0.04  # s
 FACTS = StepFacts(
     displacement=jp.array([0.02, -0.01, 0.004]),
     forward=jp.array(0.02),
@@ -22,7 +23,7 @@ FACTS = StepFacts(
 
 
 def test_the_papers_terms_at_their_weights():
-    terms = rewards(FACTS, RewardConfig())
+    terms = rewards(FACTS, RewardConfig(), DT)
     assert terms["forward"] == pytest.approx(0.5)  # 0.02 m / 0.04 s
     assert terms["energy"] == pytest.approx(-0.005 * 0.0025 * 80)  # −0.001
     assert terms["alive"] == pytest.approx(0.1)
@@ -31,7 +32,7 @@ def test_the_papers_terms_at_their_weights():
 
 
 def test_the_further_terms_when_weighted():
-    terms = rewards(FACTS, RewardConfig(vertical_speed=2.0, collision=3.0, action_rate=4.0, energy=0.005))
+    terms = rewards(FACTS, RewardConfig(vertical_speed=2.0, collision=3.0, action_rate=4.0, energy=0.005), DT)
     assert terms["vertical_speed"] == pytest.approx(-2.0 * 0.1**2)
     assert terms["collision"] == pytest.approx(-3.0)
     assert terms["action_rate"] == pytest.approx(-1.0)
@@ -41,7 +42,7 @@ def test_the_further_terms_when_weighted():
 @pytest.mark.parametrize(("forward", "target", "expected"), [(0.08, 1.0, 1.0), (0.08, None, 2.0), (-0.08, 1.0, -2.0)])
 def test_forward_speed_is_capped_above_only(forward, target, expected):
     facts = dataclasses.replace(FACTS, forward=jp.array(forward))
-    assert rewards(facts, RewardConfig(target_speed=target))["forward"] == pytest.approx(expected)
+    assert rewards(facts, RewardConfig(target_speed=target), DT)["forward"] == pytest.approx(expected)
 
 
 def test_forward_is_plus_x_or_three_dimensional_progress_to_the_goal():
