@@ -58,7 +58,7 @@ def check(raw: Mapping[str, Any]) -> None:
     from jsonschema import Draft202012Validator
     from jsonschema.exceptions import best_match
 
-    error = best_match(Draft202012Validator(schema(_robot(raw))).iter_errors(raw))
+    error = best_match(Draft202012Validator(schema(*_robot(raw))).iter_errors(raw))
     if error is not None:
         raise UserError(_complaint(error))
     if raw[SEAL] != description.sealed(raw):
@@ -131,23 +131,26 @@ def _number(low: float, high: float, kind: str = "number") -> dict[str, Any]:
     return {"type": kind, "minimum": low, "maximum": high}
 
 
-def _robot(raw: Mapping[str, Any]) -> Robot:
-    """The robot of a manifest's configuration.
+def _robot(raw: Mapping[str, Any]) -> tuple[Robot, bool]:
+    """The robot of a manifest's configuration, and whether that names one: those written before others came do not.
 
     Raises:
         UserError: if it is unknown here, or the manifest names another.
     """
     configuration = raw.get("config")
     env = configuration.get("env") if isinstance(configuration, Mapping) else None
-    name = env.get(ROBOT, DEFAULT) if isinstance(env, Mapping) else DEFAULT
+    name = env.get(ROBOT) if isinstance(env, Mapping) else None
     robot = get_robot(name) if isinstance(name, str) else get_robot(DEFAULT)
-    if raw.get(ROBOT, DEFAULT) != robot.name:
+    if raw.get(ROBOT, robot.name) != robot.name:
         raise UserError(f"robot is {_short(raw[ROBOT])}; accepted, for its configuration: {_short(robot.name)}")
-    return robot
+    return robot, name is not None
 
 
-def schema(robot: Robot) -> dict[str, Any]:
-    """The JSON Schema of ``policy.json``: what the robot is, as it is; what a policy may choose, in its ranges."""
+def schema(robot: Robot, named: bool) -> dict[str, Any]:
+    """The JSON Schema of ``policy.json``: what the robot is, as it is; what a policy may choose, in its ranges.
+
+    `named` is whether it has to name its robot.
+    """
     joints = {
         "order": {"const": list(joint_names())},
         "default_pose": {"const": list(robot.default_pose)},
@@ -187,7 +190,7 @@ def schema(robot: Robot) -> dict[str, Any]:
             "files": _object(files, ("policy.npz", "policy.stablehlo")),
             SEAL: _HASH,
         },
-        (ROBOT,),
+        () if named else (ROBOT,),
     )
 
 

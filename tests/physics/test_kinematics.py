@@ -24,7 +24,7 @@ def test_centers_are_mujocos():
     model = mujoco.MjModel.from_xml_path(str(A1.path))
     data = mujoco.MjData(model)
     poses = _random_poses(20)
-    ours = np.stack(jax.vmap(sphere_centers)(poses.astype(np.float32)), axis=-1)
+    ours = np.stack(jax.vmap(lambda qpos: sphere_centers(A1, qpos))(poses.astype(np.float32)), axis=-1)
     for qpos, centers in zip(poses, ours, strict=True):
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
