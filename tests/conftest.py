@@ -23,8 +23,9 @@ for _number, _handler in ((signal.SIGHUP, signal.SIG_DFL), (signal.SIGINT, signa
         signal.signal(_number, _handler)
 
 # Files whose tests take longest start first, so that no worker is left alone with one at the end.
-_LONG = ("test_hosts.py", "test_web.py", "test_simcheck.py", "test_brax.py", "test_ray.py", "test_loco_env.py")
-_LONG += ("test_physics_c_mujoco.py", "test_depth_c_mujoco.py", "test_learning.py", "test_train.py", "test_seeds.py")
+_LONG = ("test_multihost.py", "test_web.py", "test_simcheck.py", "test_brax.py", "test_ray.py", "test_loco_env.py")
+_LONG += ("test_physics_c_mujoco.py", "test_depth_c_mujoco.py", "test_learning.py", "test_train.py", "test_trainer.py")
+_LONG += ("test_seeds.py", "test_multi_seed.py")
 
 
 # Where arithmetic is tested, programs are compiled as users' are; elsewhere in half the time.

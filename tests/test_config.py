@@ -11,7 +11,7 @@ from loco_mjx.cli import train
 from loco_mjx.config import Config
 from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
-from loco_mjx.ppo.train import Trainer
+from loco_mjx.ppo.trainer import Trainer
 
 
 def _with(path: str, value):

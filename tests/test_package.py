@@ -15,7 +15,7 @@ env = loco_mjx.wrap_for_brax(loco_mjx.make_env("thin"))
 import jax
 from loco_mjx.run import machine
 print(len(jax.devices("cpu")) == machine.cores(), jax.config.jax_compilation_cache_dir)
-import loco_mjx.evaluation.episodes, loco_mjx.ppo.train, loco_mjx.run.start
+import loco_mjx.evaluation.episodes, loco_mjx.ppo.trainer, loco_mjx.run.start
 import loco_mjx.simcheck.run, loco_mjx.show.rollout
 print("brax" in sys.modules)
 """

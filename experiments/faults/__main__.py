@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.faults import lines, memory, robots, told, training
-from loco_mjx.run import about, machine
+from loco_mjx.run import machine, provenance
 
 RESULT = Path(__file__).parents[1] / "results" / "faults.json"
 # Each with how many faults it injects, or for how many iterations it goes on.
@@ -49,7 +49,11 @@ def main() -> int:
         for name in options.parts or PARTS:
             count = getattr(options, name)
             found = PARTS[name][0](Path(folder), options.seed, max(1, count // 10) if options.small else count)
-            keep(options.out, name, found | {"seed": options.seed, "about": about.about(["experiments.faults", name])})
+            keep(
+                options.out,
+                name,
+                found | {"seed": options.seed, "about": provenance.about(["experiments.faults", name])},
+            )
             print(name, {key: value for key, value in found.items() if key != "problems"}, flush=True)
             print(*found["problems"], sep="\n", flush=True)
             failed |= bool(found["problems"])

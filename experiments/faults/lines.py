@@ -22,7 +22,7 @@ from loco_mjx.cli.main import main as command
 
 # What each command does once everything that it was asked for is accepted.
 WORK = (
-    *("loco_mjx.run.start.build", "loco_mjx.run.bench.bench_env", "loco_mjx.cli.play._film"),
+    *("loco_mjx.run.start.build", "loco_mjx.bench.training.bench_env", "loco_mjx.cli.play._film"),
     *("loco_mjx.show.web.serve", "loco_mjx.evaluation.report.Evaluator.run", "loco_mjx.simcheck.run.start"),
     *("loco_mjx.deploy.runner.Runner.run", "loco_mjx.cli.scene._write", "loco_mjx.deploy.export.write"),
 )

@@ -26,8 +26,8 @@ from experiments.faults import children, harms, places
 from loco_mjx.cli import train
 from loco_mjx.cli.main import main as command
 from loco_mjx.config import Config
-from loco_mjx.ppo.train import Trainer
-from loco_mjx.run import checkpoint, rows, start
+from loco_mjx.ppo.trainer import Trainer
+from loco_mjx.run import checkpoint, metrics_csv, start
 from tests.run.tiny import tiny_trainer
 
 ITERATIONS = 16  # of runs that are damaged halfway
@@ -179,8 +179,8 @@ class Campaign:
 
     def _await(self, alive: Callable[[], bool], out: Path, more: int) -> None:
         """Waits until a run has made more rows, or ends."""
-        first, end = len(rows.read(out / "metrics.csv")), time.monotonic() + LIMIT
-        while alive() and time.monotonic() < end and len(rows.read(out / "metrics.csv")) < first + more:
+        first, end = len(metrics_csv.read(out / "metrics.csv")), time.monotonic() + LIMIT
+        while alive() and time.monotonic() < end and len(metrics_csv.read(out / "metrics.csv")) < first + more:
             time.sleep(0.02)
 
     def _kill(self, out: Path) -> None:
@@ -245,5 +245,5 @@ class Watched:
 
 def _curve(out: Path) -> list[dict[str, str]]:
     """The rows of a run, without the times."""
-    found = rows.filled(rows.read(out / "metrics.csv"))
+    found = metrics_csv.filled(metrics_csv.read(out / "metrics.csv"))
     return [{name: cell for name, cell in row.items() if not name.startswith("time/")} for row in found]

@@ -54,14 +54,14 @@ def main(args: Sequence[str]) -> int:
     if options.seeds is not None and options.part != "train":
         raise UserError(f"seeds are for bench train, not for bench {options.part}")
     with one_object(options.json) as show:
-        from loco_mjx.run import about, machine
+        from loco_mjx.run import machine, provenance
         from loco_mjx.scene.tasks import get_task
 
         get_task(options.task)
         machine.set_up(machine.shards(options.num_envs or NUM_ENVS))
         result = measure(options)
-        devices = about.devices()
-        result |= {"devices": devices["count"], "device_kind": devices["kind"], "versions": about.versions()}
+        devices = provenance.devices()
+        result |= {"devices": devices["count"], "device_kind": devices["kind"], "versions": provenance.versions()}
         show(result, table(result))
     return 0
 
@@ -71,19 +71,19 @@ def measure(options: Options) -> dict[str, Any]:
     num_envs = options.num_envs or NUM_ENVS
     about = {"bench": options.part, "task": options.task, "robot": options.robot, "num_envs": num_envs}
     if options.part == "depth":
-        from loco_mjx.depth.bench import bench_depth
+        from loco_mjx.bench.depth import bench_depth
 
         return about | bench_depth(options.task, num_envs, options.seconds, options.robot)
     if options.part == "physics":
-        from loco_mjx.physics.bench import bench_physics
+        from loco_mjx.bench.physics import bench_physics
 
         return about | bench_physics(options.task, num_envs, options.seconds, robot=options.robot)
-    from loco_mjx.run import bench
+    from loco_mjx.bench import training
 
-    config = bench.bench_config(options.task, options.policy, num_envs, options.robot)
+    config = training.bench_config(options.task, options.policy, num_envs, options.robot)
     if options.seeds is not None:
-        return about | bench.bench_seeds(config, options.seconds, options.seeds)
-    run = bench.bench_env if options.part == "env" else bench.bench_train
+        return about | training.bench_seeds(config, options.seconds, options.seeds)
+    run = training.bench_env if options.part == "env" else training.bench_train
     return about | run(config, options.seconds)
 
 

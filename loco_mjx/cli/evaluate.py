@@ -52,7 +52,7 @@ def main(args: Sequence[str]) -> int:
 
         machine.set_up()
         from loco_mjx.deploy import trained
-        from loco_mjx.evaluation import report, seeds
+        from loco_mjx.evaluation import multi_seed, report
 
         how: dict[str, Any] = {
             "task": options.task,
@@ -66,7 +66,7 @@ def main(args: Sequence[str]) -> int:
             result = report.evaluate_policy(trained.load(directory), str(options.directory), **how)
             show(result, report.table(result))
             return 0
-        module: Any = seeds if seeds.holds_seeds(directory) else report
+        module: Any = multi_seed if multi_seed.holds_seeds(directory) else report
         result = module.evaluate(directory, **how)
         show(result, module.table(result))
     return 0

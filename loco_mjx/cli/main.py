@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from loco_mjx.cli import terminal
 from loco_mjx.errors import RunError, UnknownNameError, UserError, is_full
-from loco_mjx.run.stop import Interrupt
+from loco_mjx.run.signals import Interrupt
 
 VERBS: dict[str, str] = {
     "train": "train a policy on a task; the same command again resumes",

@@ -70,9 +70,9 @@ def main(args: Sequence[str]) -> int:
     options = parse(Options, args, PROG, names=("tasks", "policies", "presets"))
     from rich.console import Console
 
+    from loco_mjx.cli.comma_lists import parse_names, parse_seeds
     from loco_mjx.compare import launch
-    from loco_mjx.compare.lists import parse_names, parse_seeds
-    from loco_mjx.compare.variant import parse_variant
+    from loco_mjx.run.variant import parse_variant
 
     tasks, seeds = parse_names(options.tasks, "tasks"), parse_seeds(options.seeds)
     variants = [parse_variant(text) for text in parse_names(options.policies, "policies")]
@@ -109,12 +109,11 @@ def plan(options: Options) -> Plan:
     Raises:
         UserError: if a key is unknown.
     """
+    from loco_mjx.cli.comma_lists import parse_names
     from loco_mjx.compare.cells import Plan
-    from loco_mjx.compare.lists import parse_names
-    from loco_mjx.compare.variant import Variant, parse_change
+    from loco_mjx.run.variant import parse_change
 
-    changes = Variant("", tuple(parse_change(text) for text in options.changes)).words[2:]
-    more = [] if options.num_envs is None else ["--num-envs", str(options.num_envs)]
+    changes = [parse_change(text) for text in options.changes]
+    changes += [] if options.num_envs is None else [("ppo.num_envs", str(options.num_envs))]
     eval_tasks = tuple(parse_names(options.eval_tasks, "tasks")) if options.eval_tasks is not None else ()
-    words = (*changes, *more)
-    return Plan(options.out, options.preset, options.total_steps, eval_tasks, options.episodes, words)
+    return Plan(options.out, options.preset, options.total_steps, eval_tasks, options.episodes, tuple(changes))

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from loco_mjx.compare import results
-from loco_mjx.compare.results import Run
 from loco_mjx.errors import UserError
+from loco_mjx.run import results
 from loco_mjx.run.logger import CSV, STEP, read_rows
+from loco_mjx.run.results import Run
 from loco_mjx.scene.tasks import TASKS
 
 # Title, unit, metric in metrics.csv: exploring in training, and acting by the mean in evaluations during it.

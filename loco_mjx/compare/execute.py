@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from loco_mjx.compare.cells import Cell
-from loco_mjx.compare.tether import tethered
+from loco_mjx.compare.die_with_parent import dying_with_parent
 from loco_mjx.errors import UserError
 
 POLL_SECONDS = 0.2
@@ -25,7 +25,9 @@ def run_command(command: list[str], log: Path, tick: Callable[[], None]) -> int:
     """
     log.parent.mkdir(parents=True, exist_ok=True)
     with log.open("a") as file:
-        process = subprocess.Popen(tethered(command), stdout=file, stderr=subprocess.STDOUT, start_new_session=True)
+        process = subprocess.Popen(
+            dying_with_parent(command), stdout=file, stderr=subprocess.STDOUT, start_new_session=True
+        )
         try:
             last = time.monotonic()
             while process.poll() is None:

@@ -17,8 +17,8 @@ from loco_mjx.compare.cells import Cell
 from loco_mjx.compare.estimate import overview
 from loco_mjx.compare.execute import Runner, run_cell, run_command
 from loco_mjx.compare.progress import Progress, shown
-from loco_mjx.compare.results import Run
 from loco_mjx.errors import UserError
+from loco_mjx.run.results import Run
 
 Ended = Callable[[Cell, str | None], None]  # takes a cell that has ended, and what went wrong, or None
 

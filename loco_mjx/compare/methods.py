@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 from rich.table import Table
 
-from loco_mjx.compare import paper, results
-from loco_mjx.compare.results import Evaluation, OverSeeds, Run
-from loco_mjx.evaluation.shown import LEADING, NOTHING, PER_METRE, Shown
+from loco_mjx.compare import paper
+from loco_mjx.evaluation.display import LEADING, NOTHING, PER_METRE, Shown
+from loco_mjx.run import results
+from loco_mjx.run.results import Evaluation, OverSeeds, Run
 
 # Of the metrics, those of a sweep's summary.
 _BRIEFLY = ("distance", "collisions", PER_METRE, "speed", "distance_16s", "collisions_16s")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from loco_mjx.compare.variant import Variant
+from loco_mjx.run.variant import Variant
 
 Value = tuple[float, float]  # mean and standard deviation
 DISTANCE, COLLISIONS, SPHERES, RETURN = "distance", "collisions", "reward/sphere", "return"

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from loco_mjx.compare import methods
 from loco_mjx.compare.methods import Method
 from loco_mjx.compare.paper import Column, Value
-from loco_mjx.compare.results import Evaluation
 from loco_mjx.compare.tables import FilledCell, FilledTable, Findings
-from loco_mjx.evaluation.shown import DISTANCE, LEADING, NOTHING
+from loco_mjx.evaluation.display import DISTANCE, LEADING, NOTHING
+from loco_mjx.run.results import Evaluation
 
 EXPLANATION = (
     "Mean ± standard deviation over seeds of each seed's mean over episodes, acting by the policy's mean, without "

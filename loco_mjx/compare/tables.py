@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from loco_mjx.compare import paper, results
+from loco_mjx.compare import paper
 from loco_mjx.compare.methods import Method, methods
 from loco_mjx.compare.paper import Column, PaperTable, Row, Value
-from loco_mjx.compare.results import Evaluation, OverSeeds, Run
 from loco_mjx.errors import UserError
+from loco_mjx.run import results
+from loco_mjx.run.results import Evaluation, OverSeeds, Run
 
 
 @dataclass(frozen=True)

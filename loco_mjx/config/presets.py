@@ -44,16 +44,26 @@ def _paper(config: Config) -> Config:
 
 
 def with_robot(config: Config, name: str) -> Config:
-    """The configuration for a robot, by name or path: with its gains, and with what an action of 1 is to it.
+    """The configuration for a robot, by name or path.
+
+    What was the former robot's own, gains and what an action of 1 means, becomes this one's; what was chosen stays.
 
     Raises:
         UnknownNameError: if there is no robot of that name.
         UserError: if its MJCF does not fit.
     """
-    robot = get_robot(name)
-    action = dataclasses.replace(config.env.action, scale=robot.action_scale)
-    env = dataclasses.replace(config.env, robot=name, kp=robot.kp, kd=robot.kd, action=action)
-    return dataclasses.replace(config, env=env)
+    before, robot, env = get_robot(config.env.robot), get_robot(name), config.env
+    scale = robot.action_scale if env.action.scale == before.action_scale else env.action.scale
+    return dataclasses.replace(
+        config,
+        env=dataclasses.replace(
+            env,
+            robot=name,
+            kp=robot.kp if env.kp == before.kp else env.kp,
+            kd=robot.kd if env.kd == before.kd else env.kd,
+            action=dataclasses.replace(env.action, scale=scale),
+        ),
+    )
 
 
 PRESETS = {"paper": _paper, "fast": _fast, "real": _real}
@@ -68,4 +78,4 @@ def preset(name: str, robot: str = DEFAULT) -> Config:
     """
     if name not in PRESETS:
         raise UnknownNameError("preset", name, PRESETS)
-    return PRESETS[name](with_robot(Config(), robot))
+    return with_robot(PRESETS[name](Config()), robot)

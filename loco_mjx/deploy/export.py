@@ -15,14 +15,14 @@ from flax import traverse_util
 from loco_mjx.deploy import description, folder, graph, trained
 from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.errors import UserError
-from loco_mjx.evaluation.policy import TrainedPolicy, observation_shapes
 from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
 from loco_mjx.networks.policies import STATE as STATE_KEY
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.ppo.inference import make_inference
+from loco_mjx.ppo.actor import make_inference
 from loco_mjx.robots import LEGS, get_robot
-from loco_mjx.run import about
+from loco_mjx.run import provenance
 from loco_mjx.run.directory import read_json, write_json
+from loco_mjx.run.policy import TrainedPolicy, observation_shapes
 
 PLATFORMS = ("cpu", "cuda", "tpu")  # the StableHLO artefact runs on
 KEYS = {STATE: STATE_KEY, DEPTH: DEPTH_KEY}  # the environment's name of each input
@@ -154,7 +154,7 @@ def describe(policy: TrainedPolicy, evaluation: dict[str, Any] | None) -> dict[s
     """The manifest, but for the files and its own hash."""
     described = description.describe(policy.config, list(inputs(policy)), policy.networks.hold)
     training = {"task": policy.config.env.task, "samples": policy.samples, "evaluation": evaluation}
-    return described | {"training": training, "versions": about.versions()}
+    return described | {"training": training, "versions": provenance.versions()}
 
 
 def latest_evaluation(run: Path) -> dict[str, Any] | None:

@@ -12,10 +12,10 @@ from flax import traverse_util
 from loco_mjx.config import Config, from_dict
 from loco_mjx.deploy import folder
 from loco_mjx.errors import UserError
-from loco_mjx.evaluation.policy import TrainedPolicy, load_policy, parameter_shapes
 from loco_mjx.networks.policies import make_networks
 from loco_mjx.ppo import normalizer
 from loco_mjx.run.directory import CONFIG
+from loco_mjx.run.policy import TrainedPolicy, load_policy, parameter_shapes
 
 CRITIC_ONLY = ("critic/", "value_")  # parameters that no action depends on begin so
 

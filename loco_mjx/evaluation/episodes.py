@@ -15,11 +15,11 @@ from jax.sharding import PartitionSpec as P
 from loco_mjx.config import EnvConfig
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
-from loco_mjx.evaluation.shown import PER_METRE
+from loco_mjx.evaluation.display import PER_METRE
 from loco_mjx.mesh import AXIS, spread
 from loco_mjx.networks import hold
 from loco_mjx.networks.policies import DEPTH, Networks
-from loco_mjx.ppo.inference import make_inference
+from loco_mjx.ppo.actor import make_inference
 
 CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
 ACCELERATOR_CHUNK = 1024

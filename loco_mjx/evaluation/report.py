@@ -10,13 +10,13 @@ from rich.table import Table
 
 from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
+from loco_mjx.evaluation.display import UNITS as UNITS  # others name units alike
+from loco_mjx.evaluation.display import caption, order
 from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, summarize
-from loco_mjx.evaluation.policy import TrainedPolicy, load_policy
-from loco_mjx.evaluation.shown import UNITS as UNITS  # others name units alike
-from loco_mjx.evaluation.shown import caption, order
 from loco_mjx.mesh import make_mesh
-from loco_mjx.run import about
+from loco_mjx.run import provenance
 from loco_mjx.run.directory import write_json
+from loco_mjx.run.policy import TrainedPolicy, load_policy
 from loco_mjx.scene.tasks import get_task
 
 EVALUATION = "evaluation"
@@ -73,7 +73,7 @@ def evaluate_policy(
         "randomized": randomize,
         "metrics": summarize(figures),
         "episodes": {name: values.tolist() for name, values in figures.items()},
-        "versions": about.versions(),
+        "versions": provenance.versions(),
     }
 
 

@@ -26,9 +26,9 @@ from loco_mjx.networks.policies import PRIVILEGED, STATE, Params, make_networks
 from loco_mjx.ppo import loss as loss_lib
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo import update as update_lib
-from loco_mjx.ppo.collect import Metrics
 from loco_mjx.ppo.normalizer import Normalizer
-from loco_mjx.ppo.train import Trainer, TrainState
+from loco_mjx.ppo.rollout import Metrics
+from loco_mjx.ppo.trainer import Trainer, TrainState
 
 TEACHER = "privileged"  # the policy that teaches
 

@@ -14,12 +14,12 @@ from flax import struct
 from loco_mjx.config import PPOConfig
 from loco_mjx.networks import hold as hold_lib
 from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Outputs, Params
-from loco_mjx.ppo import frames, gae
+from loco_mjx.ppo import frame_stack, gae
 from loco_mjx.ppo import loss as loss_lib
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.ppo.collect import Metrics, Rollout
 from loco_mjx.ppo.loss import Batch, masked_mean, psum
 from loco_mjx.ppo.normalizer import Normalizer
+from loco_mjx.ppo.rollout import Metrics, Rollout
 
 _Learned = tuple[Params, optax.OptState]
 # From outputs, transitions, normalised advantages, the minibatch's weight and the coefficients to the share of each
@@ -35,7 +35,7 @@ class Experience:
         rollout: T steps of B environments.
         normalizer: the statistics it was collected with.
         advantage: (T, B) λ-advantages.
-        starts: (T+1, B) from :func:`loco_mjx.ppo.frames.episode_starts`, or None without depth.
+        starts: (T+1, B) from :func:`loco_mjx.ppo.frame_stack.episode_starts`, or None without depth.
         label: (T, B, actions) what a teacher would have done, in [−1, 1], or None without one.
         hold: control steps for which the policy held the depth it saw (static).
     """
@@ -62,7 +62,7 @@ class Experience:
         if stored is not None and self.starts is not None:
             count = stored.shape[0] - self.rollout.reward.shape[0]
             seen = hold_lib.seen_step(step, self.starts[step, column], self.hold)
-            obs[DEPTH] = frames.stack(stored, self.starts, seen, column, count)
+            obs[DEPTH] = frame_stack.stack(stored, self.starts, seen, column, count)
         if self.rollout.privileged is not None:
             obs[PRIVILEGED] = self.rollout.privileged[step, column]
         return obs
@@ -76,7 +76,7 @@ def experience(rollout: Rollout, normalizer: Normalizer, config: PPOConfig, hold
     )
     starts = None
     if data.frames is not None:
-        starts = frames.episode_starts(data.reset, data.frames.shape[0] - data.reward.shape[0])
+        starts = frame_stack.episode_starts(data.reset, data.frames.shape[0] - data.reward.shape[0])
     return Experience(rollout, normalizer, advantage, starts, hold=hold)
 
 

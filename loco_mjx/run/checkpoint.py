@@ -27,9 +27,9 @@ from typing import Any
 
 import jax
 
-from loco_mjx.config import Config, to_dict
+from loco_mjx.config import Config, flatten, to_dict
 from loco_mjx.errors import FULL, UserError, unwritable
-from loco_mjx.run.directory import EXTENDABLE, flatten, open_new, read_json, write_json
+from loco_mjx.run.directory import EXTENDABLE, open_new, read_json, write_json
 
 CHECKPOINTS, STATE, POLICY, CURVES, MANIFEST = "checkpoints", "state", "policy", "curves.csv", "manifest.json"
 KEEP = 2

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
-from loco_mjx.config import Config, from_dict, to_dict
+from loco_mjx.config import Config, flatten, from_dict, to_dict
 from loco_mjx.errors import UserError, unwritable
 
 CONFIG, INFO, LOCK, PARTIAL = "config.json", "info.json", "lock", ".partial"
@@ -130,17 +130,6 @@ def reconcile(directory: Path, found: Config, wanted: Config) -> None:
         )
 
 
-def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """A nested dictionary as one level, keys joined by dots; tuples become lists, as in JSON."""
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            flat |= flatten(value, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = list(value) if isinstance(value, tuple) else value
-    return flat
-
-
 @contextmanager
 def claim(directory: Path) -> Iterator[None]:
     """Makes the directory and holds it for this process alone; the system lets go of it however the process ends.
@@ -169,7 +158,7 @@ def record_start(directory: Path, config: Config, about: dict[str, Any]) -> None
     Args:
         directory: the run's.
         config: the whole configuration.
-        about: versions, devices, commit and command (see loco_mjx/run/about.py), with the step begun at.
+        about: versions, devices, commit and command (see loco_mjx/run/provenance.py), with the step begun at.
     """
     info = read_json(directory / INFO) if (directory / INFO).exists() else None
     info = about | {"resumed": []} if info is None else info | {"resumed": [*info.get("resumed", []), about]}

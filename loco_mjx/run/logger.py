@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TextIO
 
 from loco_mjx.errors import unwritable
-from loco_mjx.run import rows as rows_lib
+from loco_mjx.run import metrics_csv as rows_lib
 from loco_mjx.run.directory import PARTIAL, open_new
-from loco_mjx.run.events import Events
-from loco_mjx.run.rows import STEP, Rows
-from loco_mjx.run.rows import read as read_rows
+from loco_mjx.run.metrics_csv import STEP, Rows
+from loco_mjx.run.metrics_csv import read as read_rows
+from loco_mjx.run.tensorboard import Events
 
 __all__ = ["CSV", "SECONDS", "STEP", "TENSORBOARD", "Logger", "read_rows"]
 

@@ -16,17 +16,17 @@ import numpy as np
 from loco_mjx.config import Config
 from loco_mjx.errors import UserError, is_full, unwritable
 from loco_mjx.ranges import COUNT, Range
-from loco_mjx.run import checkpoint, hosts, machine
+from loco_mjx.run import checkpoint, machine, multihost
 from loco_mjx.run.logger import SECONDS
 from loco_mjx.run.progress import Reporter
-from loco_mjx.run.record import Record, Row, Run, common_step
-from loco_mjx.run.stop import Leave, Stop
+from loco_mjx.run.run_log import Record, Row, Run, common_step
+from loco_mjx.run.signals import Leave, Stop
 
 Evaluate = Callable[[Any], dict[str, float]]  # from a training state to the deterministic policy's figures
 
 
 class Learner(Protocol):
-    """What the loop needs of :class:`loco_mjx.ppo.train.Trainer`."""
+    """What the loop needs of :class:`loco_mjx.ppo.trainer.Trainer`."""
 
     def init(self) -> Any:
         """The state before the first iteration."""
@@ -39,7 +39,7 @@ class Learner(Protocol):
 
 
 class GroupLearner(Learner, Protocol):
-    """What it needs of :class:`loco_mjx.ppo.seeds.SeedsTrainer`: several runs; an array of each metric, one per run."""
+    """What it needs of :class:`loco_mjx.ppo.multi_seed.SeedsTrainer`: several runs, each metric of shape (runs,)."""
 
     def split(self, state: Any) -> list[Any]:
         """Each run's own state."""
@@ -154,12 +154,12 @@ def _begin(learner: GroupLearner, runs: Sequence[Run], reporter: Reporter) -> tu
         for run, part in zip(runs, learner.split(state), strict=True)
     ]
     samples = found[0][1] if found[0] else 0
-    if len(set(hosts.gathered(samples // runs[0].config.ppo.samples_per_iteration).tolist())) > 1:
+    if len(set(multihost.gathered(samples // runs[0].config.ppo.samples_per_iteration).tolist())) > 1:
         raise UserError(f"processes see different checkpoints in {runs[0].directory}; a shared file system is needed")
     parts = [restored[0] for restored in found if restored is not None]
     if not parts:
         return state, 0
-    if at is not None and hosts.is_first():
+    if at is not None and multihost.is_first():
         for run in runs:
             checkpoint.drop_after(run.directory, at)
     reporter.say(f"resuming at {samples:,} samples")
@@ -189,7 +189,7 @@ class _Loop:
         pool = None
         if samples == 0 and len(self.records) > 1:  # where all stand together if a kill meets the first checkpoints
             self._save(state, 0)
-        _, signal, failed = hosts.agreed(False, self._signal())
+        _, signal, failed = multihost.agreed(False, self._signal())
         while iteration < self.ppo.iterations and signal is None and not failed:
             if pool is None or iteration % self.ppo.pool_refresh == 0:
                 pool = self.learner.make_pool(iteration)
@@ -199,7 +199,7 @@ class _Loop:
             self._say_age(iteration - first)
             samples = iteration * self.per_iteration
             due = time.monotonic() - saved_at >= 60 * self.options.checkpoint_minutes
-            due, signal, failed = hosts.agreed(due, self._signal(), self._failure() is not None)
+            due, signal, failed = multihost.agreed(due, self._signal(), self._failure() is not None)
             if due and not failed:
                 self._save(state, samples)
                 saved, saved_at = samples, time.monotonic()

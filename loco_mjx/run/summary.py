@@ -20,7 +20,7 @@ def print_summary(
     Args:
         console: to print to.
         config: the run's.
-        devices: what :func:`loco_mjx.run.about.devices` returned.
+        devices: what :func:`loco_mjx.run.provenance.devices` returned.
         parameters: number of the networks' parameters.
         seeds: that train side by side.
     """

@@ -14,11 +14,11 @@ from loco_mjx.depth.encoding import decode
 from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import evaluation_config
-from loco_mjx.evaluation.policy import TrainedPolicy, observation_shapes
 from loco_mjx.networks import hold
 from loco_mjx.networks.policies import DEPTH
-from loco_mjx.ppo.collect import policy_input
+from loco_mjx.ppo.rollout import policy_input
 from loco_mjx.robots import DEFAULT
+from loco_mjx.run.policy import TrainedPolicy, observation_shapes
 from loco_mjx.scene.types import Scene
 
 Kind = Literal["policy", "zero", "random"]

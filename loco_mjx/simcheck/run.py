@@ -21,7 +21,7 @@ from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import Figures, evaluation_config, figures
 from loco_mjx.mesh import dividing, make_mesh
-from loco_mjx.run import about
+from loco_mjx.run import provenance
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.simcheck.replay import Recorder, Replayed, replay
 from loco_mjx.simcheck.sides import CSide, MjxSide, start
@@ -106,7 +106,7 @@ def simcheck(
         "replay": _replayed(again),
         "episodes": {name: {key: values.tolist() for key, values in found[name].items()} for name in found},
         "seconds": seconds,
-        "versions": about.versions(),
+        "versions": provenance.versions(),
     }
 
 

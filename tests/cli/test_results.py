@@ -6,9 +6,10 @@ import shutil
 
 import pytest
 
+from loco_mjx.bench import training
 from loco_mjx.cli import bench as bench_cli
 from loco_mjx.cli.main import main
-from loco_mjx.run import bench, checkpoint, directory, record
+from loco_mjx.run import checkpoint, directory, run_log
 from tests.run.tiny import TinyEnv, tiny_config, tiny_trainer
 
 
@@ -19,12 +20,12 @@ def trained(tmp_path, monkeypatch):
     with directory.claim(tmp_path / "run"):
         directory.record_start(tmp_path / "run", config, {})
     state, _ = trainer.iterate(trainer.init(), trainer.make_pool(0))
-    checkpoint.save(tmp_path / "run", 32, state, record.policy_of(state), config)
-    import loco_mjx.evaluation.policy
+    checkpoint.save(tmp_path / "run", 32, state, run_log.policy_of(state), config)
     import loco_mjx.evaluation.report
+    import loco_mjx.run.policy
 
     monkeypatch.setattr(loco_mjx.evaluation.report, "LocoEnv", lambda config: TinyEnv())
-    monkeypatch.setattr(loco_mjx.evaluation.policy, "observation_shapes", lambda config: TinyEnv().observation_size)
+    monkeypatch.setattr(loco_mjx.run.policy, "observation_shapes", lambda config: TinyEnv().observation_size)
     monkeypatch.setattr(type(config.env.action), "size", 1)
     return tmp_path / "run"
 
@@ -107,16 +108,16 @@ def test_bench_refuses_what_it_does_not_know(capsys):
 
 
 def test_bench_of_environment_and_training(monkeypatch):
-    monkeypatch.setattr(bench, "LocoEnv", lambda config: TinyEnv())
+    monkeypatch.setattr(training, "LocoEnv", lambda config: TinyEnv())
     config = tiny_config()
-    stepping = bench.bench_env(config, seconds=0.0)
-    training = bench.bench_train(config, seconds=0.0)
+    stepping = training.bench_env(config, seconds=0.0)
+    learning = training.bench_train(config, seconds=0.0)
     assert stepping["per_second"] > 0 and stepping["compile_seconds"] > 0
-    assert training["compilations"] == 1
-    parts = training["collect_seconds"] + training["learn_seconds"]
-    assert parts == pytest.approx(training["iteration_seconds"])
-    assert training["per_second"] == pytest.approx(32 / training["iteration_seconds"])
-    assert 0 < training["startup_seconds"] < 24 * 3600
+    assert learning["compilations"] == 1
+    parts = learning["collect_seconds"] + learning["learn_seconds"]
+    assert parts == pytest.approx(learning["iteration_seconds"])
+    assert learning["per_second"] == pytest.approx(32 / learning["iteration_seconds"])
+    assert 0 < learning["startup_seconds"] < 24 * 3600
 
 
 @pytest.mark.parametrize("content", ["{", "[]", "{}", '{"task": "thin", "metrics": [1]}', '"thin"'])

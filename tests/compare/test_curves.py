@@ -3,8 +3,8 @@ import pytest
 
 from loco_mjx.cli.main import main
 from loco_mjx.compare import curves
-from loco_mjx.compare.results import find_runs
 from loco_mjx.run.directory import write_json
+from loco_mjx.run.results import find_runs
 from tests.compare.runs import VERSIONS, write_curve, write_run
 
 COLUMNS = ["step", "episode/return", "eval/distance"]

@@ -1,6 +1,6 @@
 from loco_mjx.cli.main import main
 from loco_mjx.compare import paper, render, tables
-from loco_mjx.compare.results import over_seeds
+from loco_mjx.run.results import over_seeds
 from tests.compare.runs import edit, write_evaluation, write_run
 
 

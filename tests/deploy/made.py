@@ -11,9 +11,9 @@ import numpy as np
 
 from loco_mjx.config import ActionConfig, Config, EnvConfig, NetworkConfig, with_method
 from loco_mjx.depth.encoding import encode
-from loco_mjx.evaluation.policy import TrainedPolicy, observation_shapes
 from loco_mjx.networks.policies import make_networks
 from loco_mjx.ppo.normalizer import Normalizer
+from loco_mjx.run.policy import TrainedPolicy, observation_shapes
 
 NETWORK = NetworkConfig(token_dim=32, mlp_dim=48, hidden=(48, 40), state_only_hidden=(48, 40, 32, 24))
 

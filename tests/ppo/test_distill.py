@@ -17,7 +17,7 @@ from loco_mjx.mesh import make_mesh
 from loco_mjx.networks.policies import PRIVILEGED, STATE, make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.distill import DistillTrainer, Teacher
-from loco_mjx.ppo.train import Trainer
+from loco_mjx.ppo.trainer import Trainer
 from tests.ppo.probes import SignProbe, tiny
 
 IMITATIONS, ITERATIONS = 24, 26

@@ -13,10 +13,10 @@ from loco_mjx.networks import hold
 from loco_mjx.networks.policies import DEPTH, Networks
 from loco_mjx.ppo import distribution
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.ppo.collect import collect, policy_input
+from loco_mjx.ppo.rollout import collect, policy_input
 from loco_mjx.ppo.update import experience
 from tests.ppo.probes import SignProbe
-from tests.ppo.test_collect import ENVS, STEPS, _Linear
+from tests.ppo.test_rollout import ENVS, STEPS, _Linear
 
 HOLD = 4
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jp
 import numpy as np
 
-from loco_mjx.ppo.train import Trainer
+from loco_mjx.ppo.trainer import Trainer
 from tests.ppo.probes import DelayedProbe, DepthSignProbe, EndingProbe, tiny
 
 

@@ -15,7 +15,7 @@ from loco_mjx.config import PPOConfig
 from loco_mjx.networks.policies import STATE, Networks, Outputs
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo import update as lib
-from loco_mjx.ppo.collect import Rollout
+from loco_mjx.ppo.rollout import Rollout
 
 STEPS, ENVS = 6, 4
 CONFIG = PPOConfig(num_envs=ENVS, unroll=STEPS, minibatch=12, epochs=3, max_grad_norm=0.5)

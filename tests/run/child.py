@@ -11,13 +11,13 @@ import sys
 def main() -> int:
     import loco_mjx.env
     from loco_mjx.cli.main import main as command
-    from loco_mjx.run import hosts, machine
+    from loco_mjx.run import machine, multihost
     from tests.run.tiny import TinyEnv
 
     cores, seconds, *words = sys.argv[1:]
     loco_mjx.env.LocoEnv = lambda config: TinyEnv()
     machine.cores = lambda: int(cores)
-    hosts.CONNECT_SECONDS = float(seconds)
+    multihost.CONNECT_SECONDS = float(seconds)
     return command(words)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from loco_mjx.config import to_dict
 from loco_mjx.errors import UserError
-from loco_mjx.run import about, directory
+from loco_mjx.run import directory, provenance
 from tests.run.tiny import tiny_config
 
 
@@ -114,7 +114,7 @@ def test_json_that_is_nested_too_deeply_is_refused(tmp_path):
 
 
 def test_about_names_versions_devices_and_commit():
-    found = about.about(["loco-mjx", "train"])
+    found = provenance.about(["loco-mjx", "train"])
     assert set(found["versions"]) >= {"python", "jax", "mujoco", "mujoco-mjx", "flax", "optax", "loco-mjx"}
     assert "not installed" not in found["versions"].values()
     assert found["devices"]["count"] >= 1

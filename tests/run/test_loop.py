@@ -13,10 +13,10 @@ import pytest
 from rich.console import Console
 
 from loco_mjx.errors import RunError, UserError
-from loco_mjx.ppo.train import Trainer
+from loco_mjx.ppo.trainer import Trainer
 from loco_mjx.run import checkpoint, loop
 from loco_mjx.run.progress import Output, Reporter
-from loco_mjx.run.stop import Interrupt
+from loco_mjx.run.signals import Interrupt
 from tests.run.tiny import Interrupted, TinyEnv, Wordy, file_limit, mesh, tiny_config, tiny_trainer
 
 EVERY = loop.LoopOptions(checkpoint_minutes=0.0, evaluations=0)

@@ -17,7 +17,7 @@ from loco_mjx.cli.main import main
 from loco_mjx.errors import UserError
 from loco_mjx.run import checkpoint, directory, loop, start
 from loco_mjx.run.progress import Reporter
-from loco_mjx.run.record import Run
+from loco_mjx.run.run_log import Run
 from tests.cli.test_train import RUN, SMALL, refused
 from tests.run.tiny import Interrupted, tiny_config, tiny_seeds, tiny_trainer
 

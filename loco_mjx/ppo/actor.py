@@ -9,8 +9,8 @@ import jax.numpy as jp
 
 from loco_mjx.networks.policies import Networks, Params
 from loco_mjx.ppo import distribution
-from loco_mjx.ppo.collect import policy_input
 from loco_mjx.ppo.normalizer import Normalizer
+from loco_mjx.ppo.rollout import policy_input
 
 Act = Callable[[Mapping[str, jax.Array], jax.Array], jax.Array]
 

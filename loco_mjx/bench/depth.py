@@ -14,6 +14,7 @@ import numpy as np
 from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
+from loco_mjx.bench.timing import seconds_per_call
 from loco_mjx.config import DepthConfig
 from loco_mjx.depth import reference
 from loco_mjx.depth.render import render
@@ -24,7 +25,6 @@ from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
-from loco_mjx.timing import seconds_per_call
 
 COURSE = 20.0  # m, of tasks without a goal
 PEER_SCENES = 4  # per thread

@@ -17,7 +17,7 @@ import pytest
 
 from loco_mjx.cli.main import main
 from loco_mjx.errors import UserError
-from loco_mjx.run import checkpoint, hosts, start
+from loco_mjx.run import checkpoint, multihost, start
 from tests.listening import listening
 from tests.run.tiny import tiny_trainer
 
@@ -184,16 +184,16 @@ REFUSED = {
 @pytest.mark.parametrize(("given", "said"), REFUSED.values(), ids=REFUSED.keys())
 def test_places_that_mean_nothing_are_refused(given, said):
     with pytest.raises(UserError, match=said):
-        hosts.place(*given, {})
+        multihost.place(*given, {})
 
 
 def test_only_a_task_of_several_that_srun_started_is_one_of_several():
     batch_script = {"SLURM_JOB_ID": "7", "SLURM_NTASKS": "2", "SLURM_PROCID": "0"}
-    assert hosts.place(None, None, None, batch_script) is None
-    assert hosts.place(None, None, None, batch_script | {"SLURM_STEP_NUM_TASKS": "1"}) is None
+    assert multihost.place(None, None, None, batch_script) is None
+    assert multihost.place(None, None, None, batch_script | {"SLURM_STEP_NUM_TASKS": "1"}) is None
     task = batch_script | {"SLURM_STEP_NUM_TASKS": "2", "SLURM_PROCID": "1"}
-    assert hosts.place(None, None, None, task) == hosts.Place(None, 1, 2)
-    assert hosts.place("here:1", 0, 3, task) == hosts.Place("here:1", 0, 3)
+    assert multihost.place(None, None, None, task) == multihost.Place(None, 1, 2)
+    assert multihost.place("here:1", 0, 3, task) == multihost.Place("here:1", 0, 3)
 
 
 @pytest.mark.parametrize(
@@ -209,11 +209,11 @@ def test_only_a_task_of_several_that_srun_started_is_one_of_several():
     ],
 )
 def test_what_only_this_machine_reaches(address, loopback):
-    assert hosts.on_loopback(address) is loopback
+    assert multihost.on_loopback(address) is loopback
 
 
 def test_a_step_of_slurm_on_one_node_stays_on_it():
     step = {"SLURM_JOB_ID": "5000", "SLURM_STEP_NUM_NODES": "1"}
-    assert hosts.slurm_loopback(step) == "127.0.0.1:62344"
-    assert hosts.slurm_loopback(step | {"SLURM_STEP_NUM_NODES": "2"}) is None
-    assert hosts.slurm_loopback({"SLURM_JOB_ID": "5000"}) is None
+    assert multihost.slurm_loopback(step) == "127.0.0.1:62344"
+    assert multihost.slurm_loopback(step | {"SLURM_STEP_NUM_NODES": "2"}) is None
+    assert multihost.slurm_loopback({"SLURM_JOB_ID": "5000"}) is None

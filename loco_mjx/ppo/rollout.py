@@ -14,7 +14,7 @@ from loco_mjx.env import autoreset
 from loco_mjx.env.state import State
 from loco_mjx.networks import hold as hold_lib
 from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Params
-from loco_mjx.ppo import distribution, frames
+from loco_mjx.ppo import distribution, frame_stack
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.normalizer import Normalizer
 
@@ -28,7 +28,7 @@ class Rollout:
 
     Attributes:
         state: (T+1, B, n) `state` observations, not normalised.
-        frames: (K+T, B, H, W) depth frames as :mod:`loco_mjx.ppo.frames` stores them, or None without depth.
+        frames: (K+T, B, H, W) depth frames as :mod:`loco_mjx.ppo.frame_stack` stores them, or None without depth.
         action: (T, B, actions) as drawn, before the tanh.
         log_prob: (T, B) of those actions.
         value: (T+1, B) the policy's value estimates.
@@ -65,7 +65,7 @@ def policy_input(obs: Mapping[str, jax.Array], normalizer: Normalizer) -> dict[s
     """An environment's observation as networks take it: finite, `state` normalised, depth as it is stored."""
     result = {STATE: normalizer_lib.normalize(normalizer, finite(obs[STATE]))}
     if DEPTH in obs:
-        result[DEPTH] = frames.rounded(finite(obs[DEPTH]))
+        result[DEPTH] = frame_stack.rounded(finite(obs[DEPTH]))
     if PRIVILEGED in obs:
         result[PRIVILEGED] = finite(obs[PRIVILEGED])
     return result
@@ -124,7 +124,7 @@ def collect(
     for name, final in ({"value": value} | stored(last)).items():
         rows[name] = jp.concatenate([rows[name], final[None]])
     if "frames" in rows:
-        rows["frames"] = jp.concatenate([frames.older(finite(env_state.obs[DEPTH])), rows["frames"]])
+        rows["frames"] = jp.concatenate([frame_stack.older(finite(env_state.obs[DEPTH])), rows["frames"]])
     return last, Rollout(**({"frames": None} | rows)), jax.tree.map(lambda x: jp.sum(x, axis=0), sums)
 
 
@@ -132,7 +132,7 @@ def _stored(state: State, depth: bool) -> dict[str, jax.Array]:
     """What is kept of the observations."""
     kept = {"state": finite(state.obs[STATE])}
     if depth:
-        kept["frames"] = frames.newest(finite(state.obs[DEPTH]))
+        kept["frames"] = frame_stack.newest(finite(state.obs[DEPTH]))
     if PRIVILEGED in state.obs:
         kept[PRIVILEGED] = finite(state.obs[PRIVILEGED])
     return kept

@@ -7,10 +7,10 @@ from typing import Any
 
 from rich.table import Table
 
-from loco_mjx.compare import results
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation import report
-from loco_mjx.evaluation.shown import NOTHING, caption, order
+from loco_mjx.evaluation.display import NOTHING, caption, order
+from loco_mjx.run import results
 from loco_mjx.run.directory import CONFIG
 
 

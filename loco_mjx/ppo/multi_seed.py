@@ -12,8 +12,8 @@ from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx.mesh import AXIS
-from loco_mjx.ppo.collect import Metrics
-from loco_mjx.ppo.train import Trainer, TrainState
+from loco_mjx.ppo.rollout import Metrics
+from loco_mjx.ppo.trainer import Trainer, TrainState
 
 
 class SeedsTrainer:

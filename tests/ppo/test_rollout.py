@@ -13,9 +13,9 @@ import pytest
 from loco_mjx.config import PPOConfig
 from loco_mjx.env import autoreset
 from loco_mjx.networks.policies import DEPTH, STATE, Networks, Outputs
-from loco_mjx.ppo import distribution, frames
+from loco_mjx.ppo import distribution, frame_stack
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.ppo.collect import averages, collect, policy_input
+from loco_mjx.ppo.rollout import averages, collect, policy_input
 from loco_mjx.ppo.update import experience
 from tests.ppo.probes import BrokenProbe, SignProbe
 
@@ -75,7 +75,7 @@ def test_stacks_equal_what_the_environment_showed(rollout):
     _, statistics, _, _, data, _, before, _ = rollout
     read = jax.jit(lambda: experience(data, statistics, PPOConfig()).observation(jp.arange(STEPS * ENVS)))()
     shown = before.obs[DEPTH].reshape(STEPS * ENVS, 8, 8, 4)
-    np.testing.assert_array_equal(read[DEPTH], frames.rounded(shown))
+    np.testing.assert_array_equal(read[DEPTH], frame_stack.rounded(shown))
     np.testing.assert_allclose(read[DEPTH], shown, atol=1e-3)
     np.testing.assert_allclose(
         read[STATE], normalizer_lib.normalize(statistics, before.obs[STATE]).reshape(-1, 2), atol=1e-6

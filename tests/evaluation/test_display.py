@@ -5,8 +5,8 @@ import io
 
 from rich.console import Console
 
-from loco_mjx.evaluation import report, seeds
-from loco_mjx.evaluation.shown import order
+from loco_mjx.evaluation import multi_seed, report
+from loco_mjx.evaluation.display import order
 
 ZERO = {"mean": 0.0, "std": 0.0}
 METRICS = {
@@ -73,8 +73,8 @@ def test_seeds_are_shown_in_the_same_order():
         value["seeds"] = [value["mean"] - 0.1, value["mean"] + 0.1]
     del metrics["collisions_per_metre"]
     result = RESULT | {"metrics": metrics, "seeds_trained": [3, 4]}
-    assert labels(result, seeds.table) == labels(RESULT)
-    text = page(seeds.table(result))
+    assert labels(result, multi_seed.table) == labels(RESULT)
+    text = page(multi_seed.table(result))
     (falls,) = [line for line in text.splitlines() if "falls" in line]
     assert [cell.strip() for cell in falls.split("│")[4:6]] == ["0.35", "0.15"]
     (ratio,) = [line for line in text.splitlines() if "per metre" in line]

@@ -1,4 +1,4 @@
-"""``python -m loco_mjx.compare.tether PARENT COMMAND...``: runs a command that ends when whoever started it is gone.
+"""Runs a command that ends when its parent does: ``python -m loco_mjx.compare.die_with_parent PARENT COMMAND...``.
 
 A sweep that is killed, or a cluster's worker, can stop nothing any more. What it started would train on by itself and
 keep whoever comes next out of the run's directory. On Linux the kernel sends it SIGTERM instead, on which it saves;
@@ -16,7 +16,7 @@ from collections.abc import Sequence
 PR_SET_PDEATHSIG = 1  # prctl(2); it outlives the exec below
 
 
-def tethered(command: Sequence[str]) -> list[str]:
+def dying_with_parent(command: Sequence[str]) -> list[str]:
     """A command, to be started by this process and to end with it."""
     return [sys.executable, "-m", __name__, str(os.getpid()), *command]
 

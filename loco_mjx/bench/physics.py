@@ -14,6 +14,7 @@ import numpy as np
 from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
+from loco_mjx.bench.timing import Rolling, seconds_per_call
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.mesh import AXIS, dividing, make_mesh, spread
 from loco_mjx.physics.model import PhysicsModel, build
@@ -24,7 +25,6 @@ from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
-from loco_mjx.timing import Rolling, seconds_per_call
 
 WINDOW = 10  # control steps in a call
 PEER_SCENES = 8  # per thread

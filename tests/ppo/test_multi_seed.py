@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from loco_mjx.mesh import make_mesh
-from loco_mjx.ppo.seeds import SeedsTrainer
-from loco_mjx.ppo.train import Trainer
+from loco_mjx.ppo.multi_seed import SeedsTrainer
+from loco_mjx.ppo.trainer import Trainer
 from tests.ppo.probes import SignProbe, tiny
 
 SEEDS = (4, 0, 9)  # not in order, so that a place taken for a seed shows

@@ -10,7 +10,7 @@ import pytest
 
 CHILD = """
 import hashlib, sys, threading, time
-from loco_mjx.run.stop import Stop
+from loco_mjx.run.signals import Stop
 
 def tell():
     at_it.wait()

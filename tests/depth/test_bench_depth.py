@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from loco_mjx.depth.bench import bench_depth, standing_poses
+from loco_mjx.bench.depth import bench_depth, standing_poses
 from loco_mjx.errors import UnknownNameError
 from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.tasks import get_task
