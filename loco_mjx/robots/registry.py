@@ -27,10 +27,10 @@ def get_robot(name: str) -> Robot:
         path = Path(name)
         if not path.is_file():
             raise UserError(f"there is no robot '{name}'; accepted: {', '.join(ROBOTS)}, or the path of an MJCF")
-        return _read(path.resolve())
+        return _cached(path.resolve())
     if name not in ROBOTS:
         raise UnknownNameError("robot", name, ROBOTS)
-    return _read(ROBOTS[name] or _own(name))
+    return _cached(ROBOTS[name] or _own(name))
 
 
 def register_robot(name: str, path: Path | str) -> Robot:
@@ -40,14 +40,21 @@ def register_robot(name: str, path: Path | str) -> Robot:
         UserError: if the name is taken by another, or the MJCF does not have what is needed of it.
     """
     path = Path(path).resolve()
-    if not name.isidentifier() or ROBOTS.get(name, path) != path:
-        raise UserError(f"robot '{name}' is taken, or no word; accepted: another name")
-    robot = get_robot(str(path)) if path.suffix == ".xml" else read(path)
+    if ROBOTS.get(name, path) != path:
+        raise UserError(f"robot '{name}' is taken; accepted: another name")
+    robot = _cached(path)
     ROBOTS[name] = path
     return robot
 
 
-_read = functools.cache(read)
+def _cached(path: Path) -> Robot:
+    return _read(path, path.stat().st_mtime_ns)
+
+
+@functools.cache
+def _read(path: Path, changed: int) -> Robot:
+    """Reads a file once for each time that it was changed at."""
+    return read(path)
 
 
 def _own(name: str) -> Path:

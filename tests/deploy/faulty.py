@@ -6,7 +6,7 @@ import numpy as np
 
 from loco_mjx.deploy.mujoco_robot import MujocoRobot
 from tests.deploy import flat
-from tests.robots import A1
+from tests.known_robots import A1
 
 RUNNING = 2.4  # s: standing up is over
 FAULT = RUNNING + 0.4

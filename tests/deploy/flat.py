@@ -11,12 +11,14 @@ import numpy as np
 
 from loco_mjx.config import Config, DepthConfig, EnvConfig, NetworkConfig, ObservationConfig
 from loco_mjx.deploy import folder
-from loco_mjx.deploy.description import describe, sealed
+from loco_mjx.deploy.description import config_hash, describe, sealed
 from loco_mjx.deploy.mujoco_robot import MujocoRobot
 from loco_mjx.deploy.runner import Runner
-from tests.robots import A1
+from tests.known_robots import A1
 
 SEEN = DepthConfig(height=8, width=8)
+OBSERVED = ObservationConfig(depth=SEEN)
+hashed = config_hash
 
 
 def raw(hold: int = 1, **observed: bool) -> dict:

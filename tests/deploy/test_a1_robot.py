@@ -19,7 +19,7 @@ from loco_mjx.deploy.a1_robot import NO_POSITION, A1Robot
 from loco_mjx.deploy.robot import RobotError
 from loco_mjx.errors import UserError
 from tests.deploy import flat
-from tests.robots import A1
+from tests.known_robots import A1
 
 ANGLES = np.array(A1.default_pose) + 0.01 * np.arange(12)
 

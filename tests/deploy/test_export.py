@@ -11,7 +11,7 @@ from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import POLICIES
 from tests.deploy import made
-from tests.robots import A1
+from tests.known_robots import A1
 
 COUNT, BATCH = 1000, 50
 CASES = [(name, False, {}) for name, entry in POLICIES.items() if not entry.uses_privileged]

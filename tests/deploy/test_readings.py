@@ -9,7 +9,7 @@ from loco_mjx.deploy.safety import Cause, Guard, Limits
 from tests.deploy import flat
 from tests.deploy.faulty import Faulty, lies
 from tests.deploy.test_safety import stopped
-from tests.robots import A1
+from tests.known_robots import A1
 
 ONE = np.eye(12)[2]
 

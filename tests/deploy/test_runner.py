@@ -14,7 +14,7 @@ from loco_mjx.deploy.robot import Frame, Sensors
 from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
 from tests.deploy import flat
-from tests.robots import A1
+from tests.known_robots import A1
 
 POSE = np.array(A1.default_pose)
 

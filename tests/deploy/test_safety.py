@@ -13,7 +13,7 @@ from loco_mjx.deploy.safety import Cause, EmergencyStop, Guard, Limits, Stop
 from loco_mjx.errors import UserError
 from tests.deploy import flat
 from tests.deploy.faulty import FAULT, Faulty, lies
-from tests.robots import A1
+from tests.known_robots import A1
 
 
 def stopped(robot, cause, **more):

@@ -12,7 +12,7 @@ from loco_mjx.bench.depth import bench_depth, standing_poses
 from loco_mjx.errors import UnknownNameError
 from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.tasks import get_task
-from tests.robots import A1
+from tests.known_robots import A1
 
 
 def test_bench_measures_both() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from loco_mjx.config import DepthConfig
 from loco_mjx.depth import camera
-from tests.robots import A1
+from tests.known_robots import A1
 
 HALF = np.sqrt(0.5)
 

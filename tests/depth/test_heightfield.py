@@ -15,7 +15,7 @@ from loco_mjx.depth.render import render
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.types import Terrain
 from tests.depth.test_render import at, make_scene
-from tests.robots import A1
+from tests.known_robots import A1
 
 CONFIG = DepthConfig()
 see = jax.jit(partial(render, config=CONFIG))

@@ -16,7 +16,7 @@ from loco_mjx.config import DepthConfig
 from loco_mjx.depth import primitives
 from loco_mjx.depth.render import _gather, look, render, trace
 from loco_mjx.scene.types import Boxes, Cylinders, Scene, Spheres, Terrain
-from tests.robots import A1
+from tests.known_robots import A1
 
 CONFIG = DepthConfig()
 AHEAD = 0.2309  # the camera ahead of the base

@@ -16,8 +16,8 @@ from loco_mjx import make_env, wrap_for_brax
 from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
+from tests.known_robots import A1
 from tests.ppo.probes import Probe
-from tests.robots import A1
 
 N, LENGTH, POOL = 2, 3, 4  # environments, control steps of an episode, scenes
 BLIND = EnvConfig(observation=ObservationConfig(depth=DepthConfig(enabled=False)))

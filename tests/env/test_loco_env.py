@@ -12,7 +12,7 @@ from loco_mjx.config import ActionConfig, DepthConfig, EnvConfig, ObservationCon
 from loco_mjx.env import autoreset
 from loco_mjx.errors import UnknownNameError
 from loco_mjx.physics.step import Outcome
-from tests.robots import A1
+from tests.known_robots import A1
 
 HORIZON = 6
 BLIND = ObservationConfig(depth=DepthConfig(enabled=False))

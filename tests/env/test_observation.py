@@ -6,7 +6,7 @@ import pytest
 
 from loco_mjx.config import ObservationConfig
 from loco_mjx.env import observation
-from tests.robots import A1
+from tests.known_robots import A1
 
 
 def _quaternion(roll=0.0, pitch=0.0, yaw=0.0):

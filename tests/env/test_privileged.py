@@ -13,7 +13,7 @@ from loco_mjx.config import EnvConfig, ObservationConfig
 from loco_mjx.env import privileged
 from loco_mjx.scene.parts import make_boxes, make_scene
 from loco_mjx.scene.types import STEP, Cylinders, Spheres, Terrain
-from tests.robots import A1
+from tests.known_robots import A1
 
 POINTS, RAYS = privileged.SCAN_X.size * privileged.SCAN_Y.size, privileged.RAY_ANGLES.size
 AHEAD = RAYS // 2  # the ray along the heading

@@ -11,7 +11,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import EARLY_STEPS, Evaluator, evaluation_config, means, summarize
 from loco_mjx.networks.policies import Outputs
 from loco_mjx.ppo import normalizer
-from tests.robots import A1
+from tests.known_robots import A1
 from tests.run.tiny import mesh
 
 HORIZON = 6

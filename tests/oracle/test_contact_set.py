@@ -13,7 +13,7 @@ from loco_mjx.physics import kinematics, slots
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
-from tests.robots import A1
+from tests.known_robots import A1
 
 POSES = 200
 MARGIN = 2e-4  # m: closer calls than this may differ by rounding

@@ -18,7 +18,7 @@ from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import Scene
-from tests.robots import A1
+from tests.known_robots import A1
 
 CONFIG = DepthConfig()
 SCENES = 20

@@ -19,6 +19,7 @@ from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import OBSTACLE, STEP
+from tests.known_robots import A1
 from tests.physics import world
 from tests.physics.world import (
     CONVERGED,
@@ -31,7 +32,6 @@ from tests.physics.world import (
     standing,
     trot_targets,
 )
-from tests.robots import A1
 
 GAIT = (world.GAIT_KP, world.GAIT_KD)
 

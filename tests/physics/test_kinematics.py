@@ -8,8 +8,8 @@ import numpy as np
 
 from loco_mjx.physics.kinematics import pose, sphere_centers
 from loco_mjx.robots import LEGS
+from tests.known_robots import A1
 from tests.physics.world import standing
-from tests.robots import A1
 
 
 def _random_poses(count: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from loco_mjx.config import PhysicsConfig
 from loco_mjx.errors import UserError
 from loco_mjx.physics.model import build
 from loco_mjx.robots import LEGS, PARTS, joint_names
-from tests.robots import A1
+from tests.known_robots import A1
 
 MASS = {"trunk": 4.713, "hip": 0.696, "thigh": 1.013, "calf": 0.226}
 PRINCIPAL = {

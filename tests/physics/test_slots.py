@@ -24,8 +24,8 @@ from loco_mjx.physics.stage import Stage
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import OBSTACLE, STEP, WALL, Terrain
+from tests.known_robots import A1
 from tests.physics.world import scene, standing
-from tests.robots import A1
 
 CORNER = 1 / np.sqrt(3)
 

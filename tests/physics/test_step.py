@@ -12,6 +12,7 @@ import pytest
 from loco_mjx.physics.kinematics import sphere_centers
 from loco_mjx.physics.step import PhysicsState, control_step, initial_state, nominal_dynamics
 from loco_mjx.scene.types import OBSTACLE, STEP, WALL
+from tests.known_robots import A1
 from tests.physics.world import (
     BATCH,
     DEFAULT,
@@ -26,7 +27,6 @@ from tests.physics.world import (
     still,
     trot_targets,
 )
-from tests.robots import A1
 
 SAG = 0.240  # m, height that kp 40 holds the trunk at; C MuJoCo's figure
 
@@ -38,7 +38,7 @@ def _gait():
 def _lowest_gap(states: PhysicsState, surface) -> float:
     """Smallest value of surface(x, y, z) − radius over all spheres and states, m."""
     flat = states.qpos.reshape(-1, 19)
-    x, y, z = jax.vmap(sphere_centers)(flat)
+    x, y, z = jax.vmap(lambda qpos: sphere_centers(A1, qpos))(flat)
     return float(np.min(surface(np.asarray(x), np.asarray(y), np.asarray(z)) - np.asarray(A1.radii)))
 
 

@@ -16,7 +16,7 @@ from loco_mjx.physics.model import PhysicsModel, build
 from loco_mjx.physics.step import Dynamics, Outcome, PhysicsState, control_step, initial_state, nominal_dynamics
 from loco_mjx.robots import LEGS, Robot
 from loco_mjx.scene.types import STEP, Boxes, Cylinders, Scene, Spheres, Terrain
-from tests.robots import A1
+from tests.known_robots import A1
 
 BATCH = 4  # environments in every rollout, so that the tests share one compiled program
 BOXES, TREES = 9, 1  # likewise
@@ -32,7 +32,7 @@ STRIDE, LIFT, HEIGHT = 0.06, 0.05, 0.25  # m: half a stride, how high a foot swi
 GAIT_KP, GAIT_KD = 80.0, 1.0
 
 
-def trot(time: float) -> np.ndarray:
+def trot(time: float, robot: Robot = A1) -> np.ndarray:
     """Joint targets (12,) of a trot at a time, rad: diagonal pairs swing in turn."""
     targets = []
     for leg in LEGS:
@@ -40,14 +40,14 @@ def trot(time: float) -> np.ndarray:
         swing = phase < 0.5
         along = -np.cos(2 * np.pi * phase) if swing else 1.0 - 4.0 * (phase - 0.5)
         x, down = STRIDE * along, HEIGHT - (LIFT * np.sin(2 * np.pi * phase) if swing else 0.0)
-        calf = -2.0 * np.arccos(np.hypot(x, down) / (2 * A1.thigh_length))
+        calf = -2.0 * np.arccos(np.hypot(x, down) / (2 * robot.thigh_length))
         targets += [0.0, np.arctan2(-x, down) - 0.5 * calf, calf]
     return np.array(targets, np.float32)
 
 
-def trot_targets(steps: int) -> np.ndarray:
+def trot_targets(steps: int, robot: Robot = A1) -> np.ndarray:
     """(steps, 12) targets of the trot, one per control step."""
-    return np.stack([trot(i * A1.control_dt) for i in range(steps)])
+    return np.stack([trot(i * robot.control_dt, robot) for i in range(steps)])
 
 
 def still(steps: int) -> np.ndarray:

@@ -16,7 +16,7 @@ from loco_mjx.scene.motion import move
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import OBSTACLE, STEP
-from tests.robots import A1
+from tests.known_robots import A1
 from tests.scene.scenes import one
 
 SAMPLES = Path(__file__).resolve().parents[2] / "mjcf"

@@ -17,7 +17,7 @@ from loco_mjx.networks.encoders import DepthEncoder, VisualTokens
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.show import drawing, meshes, video
-from tests.robots import A1
+from tests.known_robots import A1
 
 DEPTH = DepthConfig()
 

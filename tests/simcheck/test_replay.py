@@ -18,8 +18,8 @@ from loco_mjx.simcheck.replay import LENGTH, Recorder, replay
 from loco_mjx.simcheck.run import _replayed as _replayed_figures
 from loco_mjx.simcheck.sides import WatchedRobot
 from tests.deploy import flat
+from tests.known_robots import A1
 from tests.physics import world
-from tests.robots import A1
 
 STEPS = 130  # two windows, the first control steps of each at 0 and at 100
 AHEAD = {"center": (1.2, 0.3, 0.3), "half": (0.1, 0.4, 0.3), "kind": OBSTACLE}  # to be seen

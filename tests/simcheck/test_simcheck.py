@@ -23,8 +23,8 @@ from loco_mjx.simcheck import replay, report
 from loco_mjx.simcheck.run import compare, run
 from loco_mjx.simcheck.sides import CSide, WatchedRobot, start
 from tests.deploy import flat, made
+from tests.known_robots import A1
 from tests.physics import world
-from tests.robots import A1
 
 HORIZON = 12
 BLIND = ObservationConfig(depth=DepthConfig(enabled=False))
