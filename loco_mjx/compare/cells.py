@@ -35,6 +35,7 @@ class Cell:
         eval_tasks: to evaluate on.
         episodes: of each evaluation.
         loop: when it is evaluated while training.
+        imports: modules that its commands load first.
     """
 
     task: str
@@ -46,6 +47,7 @@ class Cell:
     eval_tasks: tuple[str, ...]
     episodes: int
     loop: LoopOptions = field(default_factory=LoopOptions)
+    imports: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -65,12 +67,16 @@ class Cell:
     def train_command(self) -> list[str]:
         """Trains it, or goes on."""
         words = ["--task", self.task, *self.variant.words, "--seed", str(self.seed), "--out", str(self.path)]
-        return [*PROGRAM, "train", *words, *self.options]
+        return [*PROGRAM, "train", *words, *self.options, *self._imports]
 
     def evaluate_command(self, task: str) -> list[str]:
         """Evaluates it on a task."""
         words = ["--task", task, "--episodes", str(self.episodes), "--seed", str(EVALUATION_SEED)]
-        return [*PROGRAM, "evaluate", str(self.path), *words]
+        return [*PROGRAM, "evaluate", str(self.path), *words, *self._imports]
+
+    @property
+    def _imports(self) -> list[str]:
+        return [word for module in self.imports for word in ("--import", module)]
 
     def trained(self) -> bool:
         """Whether there is nothing left to train.
@@ -122,6 +128,7 @@ class Plan:
         eval_tasks: to evaluate on; none: the task trained on.
         episodes: of each evaluation.
         options: words of `loco-mjx train`, for every cell.
+        imports: modules that every command loads first; they are loaded here, too.
     """
 
     out: Path
@@ -130,6 +137,7 @@ class Plan:
     eval_tasks: tuple[str, ...] = ()
     episodes: int = 32
     options: tuple[str, ...] = ()
+    imports: tuple[str, ...] = ()
 
     def group(self, task: str, variant: Variant, seeds: Sequence[int]) -> dict[int, Cell]:
         """The cells of one policy on one task, their configurations as `loco-mjx train` will read them.
@@ -149,8 +157,8 @@ class Plan:
         path, eval_tasks = self.out / task / variant.label, self.eval_tasks or (task,)
 
         def cell(seed: int) -> Cell:
-            own = dataclasses.replace(config, seed=seed)
-            return Cell(task, variant, seed, path / f"seed{seed}", own, tuple(words), eval_tasks, self.episodes, loop)
+            own, place = dataclasses.replace(config, seed=seed), path / f"seed{seed}"
+            return Cell(task, variant, seed, place, own, tuple(words), eval_tasks, self.episodes, loop, self.imports)
 
         return {seed: cell(seed) for seed in seeds}
 
