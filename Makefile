@@ -47,10 +47,11 @@ paper: $(STAMP)  ## Runs the paper's experiments, or goes on; SCALE=0.01 is a hu
 test: $(STAMP)  ## Runs the whole test suite.
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)
 
-lint: $(STAMP)  ## Style and types.
+lint: $(STAMP)  ## Style, types, and which room imports which.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
 
 bench: $(STAMP)  ## Measures depth, physics, environment and training speed on ENV.
 	$(BIN)/loco-mjx bench depth --task $(ENV) $(ARGS)

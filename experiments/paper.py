@@ -11,7 +11,7 @@ import argparse
 import dataclasses
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from rich.console import Console
@@ -21,6 +21,7 @@ from loco_mjx.compare import launch, paper
 from loco_mjx.compare.cells import Cell, Plan
 from loco_mjx.compare.launch import Launcher, Local
 from loco_mjx.errors import UserError
+from loco_mjx.run.loop import LoopOptions
 from loco_mjx.run.variant import Variant
 
 POLICIES = tuple(paper.POLICIES.values())
@@ -29,7 +30,8 @@ SAMPLES = 15_000_000
 EPISODES = 100
 SMOKE_SCALE = 0.001  # below it only one seed, two short episodes, and none while training
 SMOKE_EPISODES = 2
-SMOKE_OPTIONS = ("--env.horizon", "100", "--evaluations", "0")
+SMOKE_CHANGES = (("env.horizon", "100"),)
+SMOKE_LOOP = LoopOptions(evaluations=0)
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,8 @@ class Experiment:
         seeds: of each.
         samples: environment steps of each run.
         episodes: of each evaluation.
-        options: words of `loco-mjx train` beside these.
+        changes: keys of the configuration and their values.
+        loop: when runs are saved and evaluated while they train.
     """
 
     name: str
@@ -58,18 +61,20 @@ class Experiment:
     seeds: tuple[int, ...] = SEEDS
     samples: int = SAMPLES
     episodes: int = EPISODES
-    options: tuple[str, ...] = ()
+    changes: tuple[tuple[str, str], ...] = ()
+    loop: LoopOptions = field(default_factory=LoopOptions)
 
     def scaled(self, scale: float) -> Experiment:
         """The same with another number of samples."""
         smaller = dataclasses.replace(self, samples=max(1, math.ceil(self.samples * scale)))
         if scale >= SMOKE_SCALE:
             return smaller
-        return dataclasses.replace(smaller, seeds=self.seeds[:1], episodes=SMOKE_EPISODES, options=SMOKE_OPTIONS)
+        few = {"seeds": self.seeds[:1], "episodes": SMOKE_EPISODES, "changes": SMOKE_CHANGES, "loop": SMOKE_LOOP}
+        return dataclasses.replace(smaller, **few)
 
     def cells(self, out: Path) -> list[Cell]:
         """Its runs."""
-        plan = Plan(out, self.preset, self.samples, self.eval_tasks, self.episodes, self.options)
+        plan = Plan(out, self.preset, self.samples, self.eval_tasks, self.episodes, self.changes, self.loop)
         return plan.cells(self.tasks, self.variants, self.seeds)
 
 

@@ -74,12 +74,17 @@ def check(tree: Any, prefix: str = "", called: Callable[[str], str] = str) -> No
     Raises:
         UserError: naming the first value that is not accepted, and what is.
     """
+    for path, value, hint in values(tree):
+        accepted = complaint(value, hint)
+        if accepted is not None:
+            name = f"{prefix}.{path}" if prefix else called(path)
+            raise UserError(f"{name} is {_shown(value)}; accepted: {accepted}")
+
+
+def values(tree: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Path, value and type of every value in a dataclass and those it holds, and in the mappings of values by name."""
     for path, hint in leaves(type(tree)):  # type: ignore[arg-type]
-        for place, value, kind in _values(path, attrgetter(path)(tree), hint):
-            accepted = complaint(value, kind)
-            if accepted is not None:
-                name = f"{prefix}.{place}" if prefix else called(place)
-                raise UserError(f"{name} is {_shown(value)}; accepted: {accepted}")
+        yield from _values(path, attrgetter(path)(tree), hint)
 
 
 def _values(path: str, value: Any, hint: Any) -> Iterator[tuple[str, Any, Any]]:

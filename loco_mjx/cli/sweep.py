@@ -115,10 +115,9 @@ def plan(options: Options) -> Plan:
     """
     from loco_mjx.cli.comma_lists import parse_names
     from loco_mjx.compare.cells import Plan
-    from loco_mjx.run.variant import Variant, parse_change
+    from loco_mjx.run.variant import parse_change
 
-    changes = Variant("", tuple(parse_change(text) for text in options.changes)).words[2:]
-    more = [] if options.num_envs is None else ["--num-envs", str(options.num_envs)]
+    changes = [parse_change(text) for text in options.changes]
+    changes += [] if options.num_envs is None else [("ppo.num_envs", str(options.num_envs))]
     eval_tasks = tuple(parse_names(options.eval_tasks, "tasks")) if options.eval_tasks is not None else ()
-    words = (*changes, *more)
-    return Plan(options.out, options.preset, options.total_steps, eval_tasks, options.episodes, words)
+    return Plan(options.out, options.preset, options.total_steps, eval_tasks, options.episodes, tuple(changes))

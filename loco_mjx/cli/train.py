@@ -18,17 +18,15 @@ from loco_mjx.cli import words
 from loco_mjx.cli.parse import parse
 from loco_mjx.config import Config, DistillConfig, EnvConfig, NetworkConfig, PPOConfig
 from loco_mjx.config.tree import NumEnvs, TotalSteps
-from loco_mjx.errors import UnknownNameError, UserError
+from loco_mjx.errors import UserError
 from loco_mjx.ranges import SEED, Range
+from loco_mjx.run import settings
 from loco_mjx.run.loop import LoopOptions
 from loco_mjx.run.progress import duration
 from loco_mjx.run.run_log import Run
 
 PROG = "loco-mjx train"
 PRESET = "fast"
-# Samples per second and core on a CPU, with and without depth, as measured on two cores; for the default budget only.
-CPU_RATE = {True: 400.0, False: 4000.0}
-CPU_TEACHER_RATE = 2300.0  # likewise, of method `distill`'s teacher
 CPU_MINUTES = 20
 KEYS = ("env", "network", "ppo", "distill")  # of the configuration; every key in them is an option
 SHORT_FORMS = {"task": "env.task", "num_envs": "ppo.num_envs", "total_steps": "ppo.total_steps"}
@@ -91,10 +89,11 @@ def main(args: Sequence[str]) -> int:
 def _train(options: Options, args: Sequence[str], processes: int) -> int:
     """Runs the command on one of several processes, or the only one."""
     config = configuration(options)
-    check(config)
+    settings.check(config)
     eval_tasks = other_tasks(options)
     runs = planned(options, args, config)
 
+    from loco_mjx.evaluation.in_training import evaluators
     from loco_mjx.run import directory, machine, multihost, start
     from loco_mjx.run.progress import Output
 
@@ -104,7 +103,7 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
     if not gave_total(options, args):
         totals = [run.ppo.total_steps for run in found if run is not None]
         total = int(multihost.shared(str(max(totals) if totals else default_total(config, len(runs)))))
-        runs = [dataclasses.replace(run, config=with_total(run.config, total)) for run in runs]
+        runs = [dataclasses.replace(run, config=settings.with_total(run.config, total)) for run in runs]
     for run, there in zip(runs, found, strict=True):
         if there is not None:
             directory.reconcile(run.directory, there, run.config)
@@ -117,7 +116,8 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
         console.print(f"{path} is finished; next: loco-mjx evaluate {path}", soft_wrap=True)
         return 0
     console.print(f"preset {options.preset}, in {path}", soft_wrap=True)
-    outcome = start.train(runs, options.loop, console, [*PROG.split(), *args], eval_tasks)
+    evaluate = evaluators(options.loop, eval_tasks)
+    outcome = start.train(runs, options.loop, console, [*PROG.split(), *args], evaluate)
     if outcome.signal is None:
         print(f"finished: {outcome.samples:,} samples, curves in {curves}; next: loco-mjx evaluate {path}")
         return 0
@@ -195,45 +195,14 @@ def configuration(options: Options) -> Config:
     Raises:
         UnknownNameError: if there is no policy of that name.
     """
-    from loco_mjx.networks.policies import POLICIES
-
-    if options.policy not in POLICIES:
-        raise UnknownNameError("policy", options.policy, POLICIES)
-    env = dataclasses.replace(options.env, task=options.env.task if options.task is None else options.task)
-    if not POLICIES[options.policy].uses_depth:  # nothing would look at it
-        depth = dataclasses.replace(env.observation.depth, enabled=False)
-        env = dataclasses.replace(env, observation=dataclasses.replace(env.observation, depth=depth))
-    ppo = options.ppo
+    given = ("policy", "method", "seed", "env", "network", "ppo", "distill")
+    config = Config(**{name: getattr(options, name) for name in given})
+    if options.task is not None:
+        config = settings.with_task(config, options.task)
     if options.num_envs is not None:
-        ppo = dataclasses.replace(ppo, num_envs=options.num_envs)
-    config = Config(
-        policy=options.policy,
-        method=options.method,
-        seed=options.seed,
-        distill=options.distill,
-        env=env,
-        network=options.network,
-        ppo=ppo,
-    )
-    config = config_lib.with_method(config)
-    return config if options.total_steps is None else with_total(config, options.total_steps)
-
-
-def check(config: Config) -> None:
-    """Checks names and sizes.
-
-    Raises:
-        UserError: naming what does not fit.
-    """
-    from loco_mjx.scene.tasks import get_task
-
-    get_task(config.env.task)
-    config_lib.check(config)
-
-
-def with_total(config: Config, total: int) -> Config:
-    """The configuration with another number of samples."""
-    return dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, total_steps=total))
+        config = dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, num_envs=options.num_envs))
+    config = settings.complete(config)
+    return config if options.total_steps is None else settings.with_total(config, options.total_steps)
 
 
 def gave_total(options: Options, args: Sequence[str]) -> bool:
@@ -248,10 +217,10 @@ def default_total(config: Config, seeds: int = 1) -> int:
     full = config.ppo.total_steps
     if not machine.on_cpu():
         return full
-    seconds = 1 / CPU_RATE[config.env.observation.depth.enabled]  # of one core for a sample
+    seconds = 1 / settings.cpu_rate(config)  # for a sample
     if config.method == "distill":
-        seconds += config.distill.teacher_ratio / CPU_TEACHER_RATE
-    rate = machine.cores() / seeds / seconds
+        seconds += config.distill.teacher_ratio / settings.cpu_teacher_rate()
+    rate = 1 / seconds / seeds
     budget = min(full, max(round(rate * 60 * CPU_MINUTES, -5), 100_000))
     each = "" if seeds == 1 else " of each seed"
     print(

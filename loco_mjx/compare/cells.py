@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 
-from loco_mjx.config import Config
+from loco_mjx.config import Config, preset, teacher_of, with_keys
 from loco_mjx.errors import UserError
-from loco_mjx.run import directory
+from loco_mjx.run import directory, settings
 from loco_mjx.run.logger import CSV, SECONDS, STEP, read_rows
 from loco_mjx.run.loop import LoopOptions
-from loco_mjx.run.variant import Variant
+from loco_mjx.run.variant import Variant, as_options
 
 PROGRAM = (sys.executable, "-m", "loco_mjx.cli.main")
 EVALUATION_SEED = 0  # the same scenes for every policy
@@ -56,8 +55,8 @@ class Cell:
 
     @property
     def samples(self) -> int:
-        """It trains on."""
-        return self.config.ppo.iterations * self.config.ppo.samples_per_iteration
+        """It trains on, its teacher's not counted."""
+        return settings.total_samples(self.config)
 
     @property
     def log(self) -> Path:
@@ -77,6 +76,16 @@ class Cell:
     @property
     def _imports(self) -> list[str]:
         return [word for module in self.imports for word in ("--import", module)]
+
+    @property
+    def teacher(self) -> Config | None:
+        """The configuration of its teacher's run, for method `distill`."""
+        return teacher_of(self.config) if self.config.method == "distill" else None
+
+    @property
+    def teacher_samples(self) -> int:
+        """Its teacher trains on; 0 without one."""
+        return 0 if self.teacher is None else settings.total_samples(self.teacher)
 
     def trained(self) -> bool:
         """Whether there is nothing left to train.
@@ -106,8 +115,11 @@ class Cell:
 
     def done(self) -> int:
         """Samples trained so far, as its curves have it."""
-        rows = read_rows(self.path / CSV)
-        return min(int(rows[-1][STEP]), self.samples) if rows else 0
+        return min(_last_step(self.path), self.samples)
+
+    def teacher_done(self) -> int:
+        """Samples its teacher has trained on so far."""
+        return min(_last_step(self.path / directory.TEACHER), self.teacher_samples)
 
     def _has_evaluation(self, task: str) -> bool:
         path = self.path / "evaluation" / f"{task}-{self.samples}-seed{EVALUATION_SEED}.json"
@@ -127,7 +139,8 @@ class Plan:
         total_steps: samples; None: the preset's.
         eval_tasks: to evaluate on; none: the task trained on.
         episodes: of each evaluation.
-        options: words of `loco-mjx train`, for every cell.
+        changes: keys of every cell's configuration and their values, in words.
+        loop: when cells are saved and evaluated while they train.
         imports: modules that every command loads first; they are loaded here, too.
     """
 
@@ -136,31 +149,35 @@ class Plan:
     total_steps: int | None = None
     eval_tasks: tuple[str, ...] = ()
     episodes: int = 32
-    options: tuple[str, ...] = ()
+    changes: tuple[tuple[str, str], ...] = ()
+    loop: LoopOptions = field(default_factory=LoopOptions)
     imports: tuple[str, ...] = ()
 
     def group(self, task: str, variant: Variant, seeds: Sequence[int]) -> dict[int, Cell]:
-        """The cells of one policy on one task, their configurations as `loco-mjx train` will read them.
+        """The cells of one policy on one task.
 
         Raises:
             UserError: if there is no such task, or the configuration does not fit together.
         """
-        from loco_mjx.cli import train
-
-        words = ["--preset", self.preset, *self.options]
-        words += [] if self.total_steps is None else ["--total-steps", str(self.total_steps)]
-        config, loop = _read((*variant.words, *words))
-        config = dataclasses.replace(config, env=dataclasses.replace(config.env, task=task))
-        train.check(config)
-        if self.total_steps is None:  # without it `train` would take what a CPU does in minutes
-            words += ["--total-steps", str(config.ppo.total_steps)]
+        config = dataclasses.replace(preset(self.preset), policy=variant.policy)
+        config = settings.complete(settings.with_task(with_keys(config, (*variant.changes, *self.changes)), task))
+        if self.total_steps is not None:
+            config = settings.with_total(config, self.total_steps)
+        settings.check(config)
         path, eval_tasks = self.out / task / variant.label, self.eval_tasks or (task,)
+        words = self._words(config.ppo.total_steps)
 
         def cell(seed: int) -> Cell:
-            own, place = dataclasses.replace(config, seed=seed), path / f"seed{seed}"
-            return Cell(task, variant, seed, place, own, tuple(words), eval_tasks, self.episodes, loop, self.imports)
+            own, where = dataclasses.replace(config, seed=seed), path / f"seed{seed}"
+            return Cell(task, variant, seed, where, own, words, eval_tasks, self.episodes, self.loop, self.imports)
 
         return {seed: cell(seed) for seed in seeds}
+
+    def _words(self, total: int) -> tuple[str, ...]:
+        """Options of `loco-mjx train` for every cell; without a total it would take what a CPU does in minutes."""
+        own, usual = dataclasses.asdict(self.loop), dataclasses.asdict(LoopOptions())
+        loop = [(name, str(value)) for name, value in own.items() if value != usual[name]]
+        return ("--preset", self.preset, *as_options((*self.changes, *loop, ("total_steps", str(total)))))
 
     def cells(self, tasks: Sequence[str], variants: Sequence[Variant], seeds: Sequence[int]) -> list[Cell]:
         """Every combination; a seed's whole comparison comes before the next seed's, so that it fills evenly.
@@ -178,13 +195,10 @@ class Plan:
         return [group[seed] for seed in seeds for group in groups]
 
 
-@cache
-def _read(words: tuple[str, ...]) -> tuple[Config, LoopOptions]:
-    """What `loco-mjx train` makes of words; cached, since reading them takes long beside everything else here."""
-    from loco_mjx.cli import train
-
-    options = train.read(words)
-    return train.configuration(options), options.loop
+def _last_step(run: Path) -> int:
+    """Samples that the run in a directory has trained on, by the last row of its curves."""
+    rows = read_rows(run / CSV)
+    return int(rows[-1][STEP]) if rows else 0
 
 
 @dataclass(frozen=True)
@@ -200,15 +214,15 @@ class Measured:
     start: float
 
 
-def measured(cells: Sequence[Cell]) -> Measured | None:
-    """How fast those of these cells were trained that went on after their first iteration; None without any.
+def measured(runs: Iterable[Path]) -> Measured | None:
+    """How fast those of the runs in some directories were trained that went on after their first iteration.
 
-    That one holds the compilation; what it takes longer than the others is counted as such.
+    That one holds the compilation; what it takes longer than the others is counted as such. None if none went on.
     """
     samples = seconds = 0.0
     starts = []
-    for cell in cells:
-        rows = read_rows(cell.path / CSV)
+    for run in runs:
+        rows = read_rows(run / CSV)
         times = [float(row.get(SECONDS) or 0.0) for row in rows]
         if len(rows) < 2 or times[-1] <= times[0]:
             continue

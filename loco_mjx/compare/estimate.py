@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from rich.table import Table
 
 from loco_mjx.compare.cells import Cell, measured
-from loco_mjx.run import machine
+from loco_mjx.config import Config
+from loco_mjx.run import settings
+from loco_mjx.run.directory import TEACHER
 from loco_mjx.run.progress import duration
+from loco_mjx.run.variant import Variant
 
 # Seconds, as measured on two cores; compilation uses one, so that more of them change little.
 START = {False: 50.0, True: 110.0}  # of `train`, without and with depth: imports and compilation, no program cached
@@ -29,36 +34,54 @@ class Pace:
         start: seconds of a run before its first sample: imports and compilation.
         again: the same of further seeds.
         evaluating: whether evaluations while training come on top, or are in the rate.
+        teacher: the same of its teacher, for method `distill`.
     """
 
     rate: float
     start: float
     again: float
     evaluating: bool
+    teacher: Pace | None = None
 
 
-Paces = Mapping[str, Pace | None]
+Kind = tuple[str, str]  # a policy and the method by which it learns
+Paces = Mapping[Kind, Pace | None]
+
+
+def kind_of(cell: Cell) -> Kind:
+    """What cells share that are trained equally fast."""
+    return cell.config.policy, cell.config.method
 
 
 def paces(cells: Sequence[Cell]) -> Paces:
-    """How fast cells will be trained, by policy.
+    """How fast cells will be trained, by policy and method.
 
-    As cells of the same policy were here, else as a CPU does it; None where there is a GPU that nothing has run on.
+    As such cells were here, else as a CPU does it; None where there is a GPU that nothing has run on.
     """
-    from loco_mjx.cli.train import CPU_RATE
+    groups: dict[Kind, list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault(kind_of(cell), []).append(cell)
+    return {kind: _pace(group) for kind, group in groups.items()}
 
-    found: dict[str, Pace | None] = {}
-    for policy in dict.fromkeys(cell.variant.policy for cell in cells):
-        group = [cell for cell in cells if cell.variant.policy == policy]
-        depth = group[0].config.env.observation.depth.enabled
-        here = measured(group)
-        if here is not None:
-            found[policy] = Pace(here.rate, here.start, here.start, False)
-        elif shutil.which("nvidia-smi"):
-            found[policy] = None
-        else:
-            found[policy] = Pace(CPU_RATE[depth] * machine.cores(), START[depth], START_AGAIN, True)
-    return found
+
+def _pace(group: Sequence[Cell]) -> Pace | None:
+    config = group[0].config
+    own = _measured_or(settings.cpu_rate(config), config, [cell.path for cell in group])
+    teacher = group[0].teacher
+    if teacher is None or own is None:
+        return own
+    taught = _measured_or(settings.cpu_teacher_rate(), teacher, [cell.path / TEACHER for cell in group])
+    return None if taught is None else dataclasses.replace(own, teacher=taught)
+
+
+def _measured_or(cpu_rate: float, config: Config, runs: Sequence[Path]) -> Pace | None:
+    """The pace of runs as they were trained here, else as a CPU does it; None where there is a GPU."""
+    here = measured(runs)
+    if here is not None:
+        return Pace(here.rate, here.start, here.start, False)
+    if shutil.which("nvidia-smi"):
+        return None
+    return Pace(cpu_rate, START[config.env.observation.depth.enabled], START_AGAIN, True)
 
 
 def seconds_left(
@@ -75,27 +98,41 @@ def seconds_left(
         done: samples trained so far, by a cell's name; None: as their curves have it.
         begun: names of cells that train by now, which have compiled.
     """
-    left, compiled = 0.0, set()
+    left, compiled = 0.0, set[tuple[str, Variant]]()
     for cell in cells:
-        pace = known[cell.variant.policy]
+        pace = known[kind_of(cell)]
         if pace is None:
             return None
         samples = cell.samples - (cell.done() if done is None else done[cell.name])
         if samples > 0:
-            if cell.name not in begun:
-                left += pace.again if (cell.task, cell.variant) in compiled else pace.start
-            left += samples / pace.rate
-            left += samples / cell.samples * _evaluations(cell, pace) if pace.evaluating else 0.0
+            again = (cell.task, cell.variant) in compiled
+            left += _training(cell, cell.samples, samples, pace, again, cell.name in begun)
+            left += _teaching(cell, pace.teacher, again)
             compiled.add((cell.task, cell.variant))
         left += len(cell.unevaluated()) * (EVALUATE + _episodes(cell, cell.episodes, pace))
     return left
 
 
-def _evaluations(cell: Cell, pace: Pace) -> float:
-    """Seconds of the evaluations while a cell trains."""
+def _training(cell: Cell, total: int, samples: int, pace: Pace, again: bool, begun: bool) -> float:
+    """Seconds for the samples that are left of a total; `again`: programs are in the cache, `begun`: in the process."""
+    start = 0.0 if begun else pace.again if again else pace.start
+    evaluations = samples / total * _evaluations(cell, total, pace) if pace.evaluating else 0.0
+    return start + samples / pace.rate + evaluations
+
+
+def _teaching(cell: Cell, pace: Pace | None, again: bool) -> float:
+    """Seconds for what is left of a cell's teacher."""
+    samples = 0 if pace is None else cell.teacher_samples - cell.teacher_done()
+    if pace is None or samples <= 0:
+        return 0.0
+    return _training(cell, cell.teacher_samples, samples, pace, again, cell.teacher_done() > 0)
+
+
+def _evaluations(cell: Cell, total: int, pace: Pace) -> float:
+    """Seconds of the evaluations while a cell, or its teacher, trains on a total of samples."""
     if not cell.loop.evaluations:
         return 0.0
-    count = min(cell.loop.evaluations + 1, cell.config.ppo.iterations)
+    count = min(cell.loop.evaluations + 1, total // cell.config.ppo.samples_per_iteration)
     return count * _episodes(cell, cell.loop.evaluation_episodes, pace)
 
 

@@ -14,18 +14,19 @@ from loco_mjx.run.progress import Reporter
 
 
 class Progress:
-    """Samples of the whole sweep."""
+    """Samples of the whole sweep, teachers' included."""
 
     def __init__(self, console: Console, cells: Sequence[Cell]) -> None:
         """Starts at what the cells have been trained on so far."""
         self._cells = cells
         self._done = {cell.name: cell.done() for cell in cells}
+        self._taught = {cell.name: cell.teacher_done() for cell in cells}
         self._start = dict(self._done)
-        self._before = self._shown = sum(self._done.values())
+        self._before = self._shown = self._samples()
         self._begin = time.monotonic()
         self._paces: Paces = paces(cells)
         self._left, self._at_once = list(cells), 1
-        self._reporter = Reporter(console, sum(cell.samples for cell in cells), self._before)
+        self._reporter = Reporter(console, sum(cell.samples + cell.teacher_samples for cell in cells), self._before)
 
     def say(self, text: str) -> None:
         """Prints a line beside the progress."""
@@ -39,11 +40,16 @@ class Progress:
     def tick(self, running: Sequence[Cell]) -> None:
         """Looks at the curves of the cells that run, and shows what has changed."""
         self._done |= {cell.name: cell.done() for cell in running}
-        done = sum(self._done.values())
+        self._taught |= {cell.name: cell.teacher_done() for cell in running}
+        done = self._samples()
         if done > self._shown:
             self._shown = done
             rate = (done - self._before) / max(time.monotonic() - self._begin, 1e-3)
             self._reporter.update(done, rate, {}, left=self._seconds_left())
+
+    def _samples(self) -> int:
+        """Trained on so far, in all."""
+        return sum(self._done.values()) + sum(self._taught.values())
 
     def _seconds_left(self) -> float | None:
         """Of the cells that were last asked for, since when some may have been trained on."""

@@ -27,9 +27,9 @@ from typing import Any
 
 import jax
 
-from loco_mjx.config import Config, from_dict, to_dict
+from loco_mjx.config import Config, flatten, from_dict, to_dict
 from loco_mjx.errors import FULL, UserError, unwritable
-from loco_mjx.run.directory import ABSENT, EXTENDABLE, NOTED, compared, flatten, open_new, read_json, write_json
+from loco_mjx.run.directory import ABSENT, EXTENDABLE, NOTED, compared, open_new, read_json, write_json
 
 CHECKPOINTS, STATE, POLICY, CURVES, MANIFEST = "checkpoints", "state", "policy", "curves.csv", "manifest.json"
 KEEP = 2

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
-from loco_mjx.config import Config, from_dict, to_dict
+from loco_mjx.config import Config, flatten, from_dict, to_dict
 from loco_mjx.errors import UserError, unwritable
 
 CONFIG, INFO, LOCK, PARTIAL = "config.json", "info.json", "lock", ".partial"
@@ -136,17 +136,6 @@ def reconcile(directory: Path, found: Config, wanted: Config) -> None:
 def compared(config: Config) -> dict[str, Any]:
     """A configuration on one level, without what it only notes; a term of the reward may be ABSENT."""
     return {key: value for key, value in flatten(to_dict(config)).items() if key != NOTED}
-
-
-def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """A nested dictionary as one level, keys joined by dots; tuples become lists, as in JSON."""
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            flat |= flatten(value, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = list(value) if isinstance(value, tuple) else value
-    return flat
 
 
 @contextmanager

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from loco_mjx.config import Config, to_dict
+from loco_mjx.config import Config, flatten, to_dict
 from loco_mjx.errors import UserError
-from loco_mjx.run.directory import ABSENT, CONFIG, INFO, TEACHER, flatten, load_config, read_json
+from loco_mjx.run.directory import ABSENT, CONFIG, INFO, TEACHER, load_config, read_json
 from loco_mjx.run.variant import METHOD_KEYS, Variant, default_keys
 
 # Packages that what a robot does depends on.

@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +14,12 @@ from rich.console import Console
 
 from loco_mjx.config import Config, teacher_of, to_dict
 from loco_mjx.errors import UserError
-from loco_mjx.run import checkpoint, directory, loop, multihost, needs, provenance
+from loco_mjx.run import checkpoint, directory, loop, multihost, needs, provenance, settings
 from loco_mjx.run.progress import Reporter
 from loco_mjx.run.run_log import Run, common_step
 from loco_mjx.run.summary import print_summary
 
-EVALUATION_SEED = 1_000_000  # added to the run's seed: the same scenes at every evaluation of a run
+Evaluators = Callable[[Sequence[Run], Any], list[loop.Evaluate]]
 
 
 def build(config: Config) -> Any:
@@ -49,7 +48,7 @@ def build_student(config: Config, teacher: Path) -> Any:
 
 
 def teach(
-    run: Run, options: loop.LoopOptions, console: Console, command: list[str], eval_tasks: Sequence[str] = ()
+    run: Run, options: loop.LoopOptions, console: Console, command: list[str], evaluators: Evaluators
 ) -> loop.Outcome | None:
     """Trains the teacher of a run of method `distill`, in the run's folder `teacher`, or goes on with it.
 
@@ -66,37 +65,8 @@ def teach(
     if found is not None and finished(place, config):
         return None
     console.print(f"first a teacher that sees what only a simulator knows, in {place}", soft_wrap=True)
-    outcome = train([Run(config, place)], options, console, command, eval_tasks)
+    outcome = train([Run(config, place)], options, console, command, evaluators)
     return None if outcome.signal is None else outcome
-
-
-def evaluators(
-    runs: Sequence[Run], trainer: Any, options: loop.LoopOptions, eval_tasks: Sequence[str] = ()
-) -> list[loop.Evaluate]:
-    """What the loop calls to see how each run's deterministic policy does; none where it is not to.
-
-    Metrics of the run's own task keep their names, those of another begin with it: `wide/distance`.
-    """
-    if not options.evaluations:
-        return []
-    from loco_mjx.env import LocoEnv
-    from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, means
-
-    own = runs[0].config.env
-    configs = {task: evaluation_config(own, task) for task in dict.fromkeys((own.task, *eval_tasks))}
-    programs = {
-        "" if task == own.task else f"{task}/": Evaluator(LocoEnv(env), trainer.networks, env.horizon, trainer.mesh)
-        for task, env in configs.items()
-    }
-
-    def evaluate(seed: int, state: Any) -> dict[str, float]:
-        found: dict[str, float] = {}
-        for prefix, program in programs.items():
-            figures = program.run(state.params, state.normalizer, seed, options.evaluation_episodes)
-            found |= {prefix + name: value for name, value in means(figures).items()}
-        return found
-
-    return [partial(evaluate, (run.config.seed + EVALUATION_SEED) % 2**31) for run in runs]
 
 
 def train(
@@ -104,7 +74,7 @@ def train(
     options: loop.LoopOptions,
     console: Console,
     command: list[str],
-    eval_tasks: Sequence[str] = (),
+    evaluators: Evaluators = lambda runs, trainer: [],
 ) -> loop.Outcome:
     """Trains runs that differ in seed alone, or goes on training, all in one program.
 
@@ -113,7 +83,7 @@ def train(
         options: when to save and to evaluate.
         console: for the table and the progress.
         command: the command line, for the record.
-        eval_tasks: evaluated on besides the one that is trained on.
+        evaluators: from the runs and their trainer to what evaluates each of them; an empty list: they are not.
 
     Raises:
         UserError: if they cannot start; nothing is written then.
@@ -127,7 +97,7 @@ def train(
     config = runs[0].config
     multihost.check_same(json.dumps(to_dict(config)), "configuration")
     if config.method == "distill":
-        stopped = teach(runs[0], options, console, command, eval_tasks)
+        stopped = teach(runs[0], options, console, command, evaluators)
         if stopped is not None:
             return stopped
         trainer = build_student(config, runs[0].directory / directory.TEACHER)
@@ -148,9 +118,9 @@ def train(
         multihost.on_first(claim)
         seeds = [run.config.seed for run in runs]
         print_summary(console, config, provenance.devices(), count_parameters(trainer, config), seeds)
-        reporter = Reporter(console, len(runs) * total(config), len(runs) * done)
+        reporter = Reporter(console, len(runs) * settings.total_samples(config), len(runs) * done)
         try:
-            evaluations = evaluators(runs, trainer, options, eval_tasks)
+            evaluations = evaluators(runs, trainer)
             return loop.run_group(learner, runs, options, reporter, evaluations, lambda: multihost.on_first(record))
         finally:
             reporter.close()
@@ -186,11 +156,6 @@ def count_parameters(trainer: Any, config: Config) -> int:
     return sum(leaf.size for leaf in jax.tree.leaves(params))
 
 
-def total(config: Config) -> int:
-    """Samples that a run trains on."""
-    return config.ppo.iterations * config.ppo.samples_per_iteration
-
-
 def finished(path: Path, config: Config) -> bool:
     """Whether the run in a directory has nothing left to train: by its newest checkpoint that is whole."""
-    return checkpoint.newest(path) >= total(config)
+    return checkpoint.newest(path) >= settings.total_samples(config)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
 from typing import Any
 
-from loco_mjx.config import Config, to_dict
+from loco_mjx.config import Config, flatten, to_dict
 from loco_mjx.errors import UnknownNameError, UserError
-from loco_mjx.run.directory import flatten
 
 # Keys that make another method of the same policy; the other keys are how it was trained.
 METHOD_KEYS = (
@@ -37,6 +36,11 @@ def default_keys() -> Mapping[str, Any]:
     return MappingProxyType(flatten(to_dict(Config())))
 
 
+def as_options(changes: Iterable[tuple[str, str]]) -> list[str]:
+    """Names and values as options of `loco-mjx train`: `--ppo.clip 0.1`; several values are joined by commas."""
+    return [word for name, value in changes for word in (f"--{name.replace('_', '-')}", *value.split(","))]
+
+
 @dataclass(frozen=True)
 class Variant:
     """A policy and the keys in which it differs from its preset.
@@ -57,8 +61,7 @@ class Variant:
     @property
     def words(self) -> list[str]:
         """Options of `loco-mjx train`."""
-        options = [word for key, value in self.changes for word in (f"--{key.replace('_', '-')}", value)]
-        return ["--policy", self.policy, *options]
+        return ["--policy", self.policy, *as_options(self.changes)]
 
     def matches(self, config: Mapping[str, Any]) -> bool:
         """Whether a run's flat configuration is of this variant, however it was trained."""

@@ -8,9 +8,8 @@ import sys
 import pytest
 
 from loco_mjx.cli.main import main
-from loco_mjx.config import PRESETS, Config, to_dict
+from loco_mjx.config import PRESETS, Config, flatten, to_dict
 from loco_mjx.networks.policies import POLICIES
-from loco_mjx.run.directory import flatten
 from loco_mjx.scene.tasks import TASKS
 
 

@@ -12,11 +12,10 @@ import pytest
 from loco_mjx.cli import train
 from loco_mjx.compare import paper
 from loco_mjx.compare.cells import PROGRAM, Plan
-from loco_mjx.config import to_dict
+from loco_mjx.config import flatten, to_dict
 from loco_mjx.depth.encoding import encode
 from loco_mjx.env import LocoEnv
 from loco_mjx.networks.policies import make_networks
-from loco_mjx.run.directory import flatten
 from loco_mjx.run.results import variant_of
 from loco_mjx.run.variant import parse_variant
 

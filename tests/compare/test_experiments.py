@@ -9,10 +9,9 @@ from experiments import committed, document, ordering
 from experiments.committed import BESIDE
 from experiments.paper import EXPERIMENTS, cells_of
 from loco_mjx.compare import paper
-from loco_mjx.config import EnvConfig, to_dict
+from loco_mjx.config import EnvConfig, flatten, to_dict
 from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
-from loco_mjx.run.directory import flatten
 
 
 @pytest.fixture(scope="module")

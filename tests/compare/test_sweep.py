@@ -17,7 +17,8 @@ from loco_mjx.cli.main import main
 from loco_mjx.compare import estimate, execute, launch
 from loco_mjx.compare.cells import IMPORTS, PROGRAM, Plan
 from loco_mjx.config import to_dict
-from loco_mjx.run import checkpoint, directory
+from loco_mjx.run import checkpoint, directory, settings
+from loco_mjx.run.loop import LoopOptions
 from loco_mjx.run.variant import Variant, parse_variant
 from tests.compare.runs import write_evaluation
 
@@ -131,7 +132,7 @@ def test_a_failed_evaluation_is_listed_with_its_task(tmp_path, capsys):
 def test_a_directory_of_another_run_is_listed_and_left_alone(tmp_path, capsys):
     run(cells(tmp_path, seeds=(0,)), Stub(), capsys)
     stub = Stub()
-    result, _ = run(cells(tmp_path, seeds=(0,), options=("--ppo.clip", "0.1")), stub, capsys)
+    result, _ = run(cells(tmp_path, seeds=(0,), changes=(("ppo.clip", "0.1"),)), stub, capsys)
     assert stub.ran == [] and [why for _, why in result.failed if "ppo.clip is 0.2, asked for 0.1" in why]
     assert len(result.failed) == 2
 
@@ -142,7 +143,11 @@ def test_a_command_that_ends_well_and_leaves_nothing_is_a_failure(tmp_path, caps
 
 
 def test_the_configuration_of_a_cell_is_what_its_command_trains(tmp_path):
-    plan = Plan(tmp_path, preset="paper", options=("--ppo.clip", "0.1", "--num-envs", "64"))
+    plan = Plan(
+        tmp_path,
+        preset="paper",
+        changes=(("ppo.clip", "0.1"), ("ppo.num_envs", "64"), ("env.randomization.kp", "30,60")),
+    )
     (cell,) = plan.cells(["wide"], [parse_variant("loco-transformer+layers=1")], [4])
     command = cell.train_command()
     trained = train.configuration(train.read(command[len(PROGRAM) + 1 :]))
@@ -155,13 +160,13 @@ def test_the_configuration_of_a_cell_is_what_its_command_trains(tmp_path):
 @pytest.fixture
 def two_cores(monkeypatch):
     monkeypatch.setattr(estimate.shutil, "which", lambda name: None)
-    monkeypatch.setattr(estimate.machine, "cores", lambda: 2)
+    monkeypatch.setattr(settings.machine, "cores", lambda: 2)
 
 
 def test_without_a_run_the_time_is_that_of_compiling_training_and_evaluating(tmp_path, two_cores):
     blind, seeing, again, _ = all_cells = cells(tmp_path)
     known = estimate.paces(all_cells)
-    assert (known["state-only"].rate, known["loco-transformer"].rate) == (8000.0, 800.0)
+    assert (known["state-only", "ppo"].rate, known["loco-transformer", "ppo"].rate) == (8000.0, 800.0)
     # Two evaluations while training and two tasks afterwards, each of 1,000 steps.
     evaluations = 2 * 1000 * estimate.STEP + 2 * (estimate.EVALUATE + 1000 * estimate.STEP)
     assert estimate.seconds_left([blind], known) == pytest.approx(STEPS / 8000 + estimate.START[False] + evaluations)
@@ -172,14 +177,14 @@ def test_without_a_run_the_time_is_that_of_compiling_training_and_evaluating(tmp
     both = estimate.seconds_left([blind, again], known)
     once = estimate.seconds_left([blind], known)
     assert both == pytest.approx(2 * once - estimate.START[False] + estimate.START_AGAIN)  # what is compiled is kept
-    (quiet,) = cells(tmp_path, seeds=(0,), options=("--evaluations", "0"))[:1]
+    (quiet,) = cells(tmp_path, seeds=(0,), loop=LoopOptions(evaluations=0))[:1]
     assert estimate.seconds_left([quiet], known) == pytest.approx(once - 2 * 1000 * estimate.STEP)
 
 
 def test_the_time_left_is_that_of_runs_of_the_same_policy(tmp_path, two_cores, monkeypatch):
     all_cells = cells(tmp_path)
     Stub()(all_cells[0].train_command(), all_cells[0].log, lambda: None)
-    pace = estimate.paces(all_cells)["state-only"]
+    pace = estimate.paces(all_cells)["state-only", "ppo"]
     assert pace.rate == pytest.approx(8192 / 6.384)  # the second iteration's
     assert pace.start == pytest.approx(10.0 - 6.384 + IMPORTS)  # what the first one took longer
     monkeypatch.setattr(estimate.shutil, "which", lambda name: "/usr/bin/nvidia-smi")
@@ -191,6 +196,24 @@ def test_the_time_left_is_that_of_runs_of_the_same_policy(tmp_path, two_cores, m
     assert estimate.seconds_left([all_cells[2]], known) == pytest.approx(whole)
     name = all_cells[2].name
     assert estimate.seconds_left([all_cells[2]], known, {name: 8192}, {name}) == pytest.approx(6.384 + evaluations)
+
+
+def test_the_time_is_also_that_of_a_teacher(tmp_path, two_cores):
+    """Four samples of the teacher for each of the policy's: most of the time, and all of the first progress."""
+    (cell,) = Plan(tmp_path, total_steps=STEPS).cells(["thin"], [parse_variant("state-only+method=distill")], [0])
+    assert cell.teacher_samples == 4 * STEPS
+    (pace,) = (known := estimate.paces([cell])).values()
+    whole = estimate.seconds_left([cell], known)
+    assert whole > 4 * STEPS / pace.teacher.rate + STEPS / pace.rate + 2 * estimate.START[False]
+    curves = cell.path / directory.TEACHER / "metrics.csv"
+    curves.parent.mkdir(parents=True)
+    curves.write_text(f"step,time/seconds\n8192,10.0\n{2 * STEPS},34.0\n")
+    assert (cell.done(), cell.teacher_done()) == (0, 2 * STEPS)
+    (pace,) = (known := estimate.paces([cell])).values()
+    assert pace.teacher.rate == pytest.approx((2 * STEPS - 8192) / 24.0)  # as it was here
+    left = estimate.seconds_left([cell], known)
+    curves.write_text(f"step,time/seconds\n8192,10.0\n{2 * STEPS},34.0\n{4 * STEPS},66.0\n")
+    assert left - estimate.seconds_left([cell], known) == pytest.approx(2 * STEPS / pace.teacher.rate, rel=0.05)
 
 
 def test_a_command_runs_and_its_output_is_kept(tmp_path):
@@ -237,8 +260,8 @@ BAD = {
     "episodes": (["--episodes", "0"], "episodes is 0"),
     "steps": (["--total-steps", "0"], "total-steps is 0"),
     "value": (["--set", "ppo.clip=x"], "ppo.clip"),
-    "two sizes": (["--num-envs", "8", "--set", "ppo.num_envs=16"], "--ppo.num-envs is 16"),
-    "two values": (["--set", "ppo.clip=0.1", "ppo.clip=0.2"], "--ppo.clip is given twice, as '0.1' and as '0.2'"),
+    "two sizes": (["--num-envs", "8", "--set", "ppo.num_envs=16"], "ppo.num_envs is given twice"),
+    "two values": (["--set", "ppo.clip=0.1", "ppo.clip=0.2"], "ppo.clip is given twice"),
     "two presets": (["--preset", "fast", "--preset=paper"], "--preset is given twice"),
     "out": (["--out", "/dev/null"], "is a file"),
     "access": (["--out", "/proc/sweep"], "cannot write /proc/sweep"),

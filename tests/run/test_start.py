@@ -5,10 +5,10 @@ from __future__ import annotations
 import jax.numpy as jp
 import pytest
 
-import loco_mjx.env
 from loco_mjx.cli import train
 from loco_mjx.errors import UnknownNameError, UserError
-from loco_mjx.run import loop, start
+from loco_mjx.evaluation import in_training
+from loco_mjx.run import loop
 from loco_mjx.run.run_log import Run
 from tests.run.tiny import TinyEnv, tiny_config, tiny_trainer
 
@@ -24,11 +24,12 @@ class TaskEnv(TinyEnv):
 
 
 def test_other_tasks_are_evaluated_beside_the_own_one(tmp_path, monkeypatch):
-    monkeypatch.setattr(loco_mjx.env, "LocoEnv", TaskEnv)
+    monkeypatch.setattr(in_training, "LocoEnv", TaskEnv)
     config = tiny_config()
     trainer = tiny_trainer(config)
     options = loop.LoopOptions(evaluation_episodes=2)
-    (evaluate,) = start.evaluators([Run(config, tmp_path)], trainer, options, ["thin", "mountain"])  # thin is its own
+    make = in_training.evaluators(options, ["thin", "mountain"])  # thin is its own
+    (evaluate,) = make([Run(config, tmp_path)], trainer)
     found = evaluate(trainer.init())
     own = {name for name in found if not name.startswith("mountain/")}
     assert {"distance", "return", "length"} <= own

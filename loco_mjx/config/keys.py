@@ -1,0 +1,71 @@
+"""The keys of a configuration on one level, such as `ppo.clip`, and a configuration with some of them changed."""
+
+from __future__ import annotations
+
+import types
+import typing
+from collections.abc import Iterable
+from typing import Annotated, Any, Literal, Union
+
+from loco_mjx.config.tree import Config
+from loco_mjx.config.written import from_dict, to_dict
+from loco_mjx.errors import UnknownNameError, UserError
+from loco_mjx.ranges import complaint, values
+
+
+def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """A nested dictionary as one level, keys joined by dots; tuples become lists, as in JSON."""
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = list(value) if isinstance(value, tuple) else value
+    return flat
+
+
+def with_keys(config: Config, changes: Iterable[tuple[str, str]]) -> Config:
+    """A configuration with the values of some keys changed.
+
+    Args:
+        config: to start from.
+        changes: pairs of a key and its value in words: `("ppo.clip", "0.1")`; several values are joined by commas.
+
+    Raises:
+        UserError: if there is no such key, it has two values, or a value is not accepted.
+    """
+    tree, given = to_dict(config), dict[str, str]()
+    hints = {path: hint for path, _, hint in values(config)}
+    for key, text in changes:
+        if key not in hints:
+            raise UnknownNameError("key", key, hints)
+        if given.setdefault(key, text) != text:
+            raise UserError(f"{key} is given twice, as {given[key]} and as {text}; accepted: once")
+        *groups, name = key.split(".")
+        table = tree
+        for group in groups:
+            table = table[group]
+        table[name] = _parse(text, hints[key])
+    return from_dict(Config, tree)
+
+
+def _parse(text: str, hint: Any) -> Any:
+    """The value of a declared type that a word stands for; where it stands for none, the word itself."""
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Annotated:
+        return _parse(text, parts[0])
+    if origin in (Union, types.UnionType):
+        values = [_parse(text, part) for part in parts]
+        return next((v for v, part in zip(values, parts, strict=True) if complaint(v, part) is None), text)
+    if origin is tuple:
+        return tuple(_parse(word.strip(), parts[0]) for word in text.split(","))
+    if origin is Literal:
+        return next((choice for choice in parts if str(choice) == text), text)
+    if hint in (bool, type(None)):
+        return {"True": True, "False": False, "None": None}.get(text, text)
+    if hint in (int, float):
+        try:
+            return hint(text)
+        except ValueError:
+            return text
+    return text
