@@ -175,9 +175,11 @@ def test_names():
         get_robot("none/of/this.xml")
 
 
-def test_a_robot_may_be_given_a_name(own, monkeypatch):
-    monkeypatch.setattr("loco_mjx.robots.registry.ROBOTS", dict(NAMED))
+def test_a_robot_may_be_given_a_name(own):
     path = own()
-    assert register_robot("mine", path) == get_robot("mine")
-    with pytest.raises(UserError, match="robot 'a1' is taken"):
-        register_robot("a1", path)
+    try:
+        assert register_robot("mine", path) == get_robot("mine")
+        with pytest.raises(UserError, match="there is a robot 'a1' already"):
+            register_robot("a1", path)
+    finally:
+        NAMED.unregister("mine")
