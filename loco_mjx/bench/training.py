@@ -17,6 +17,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.mesh import AXIS, make_mesh, spread
 from loco_mjx.ppo.multi_seed import SeedsTrainer
 from loco_mjx.ppo.trainer import Trainer
+from loco_mjx.robots import DEFAULT
 from loco_mjx.run import machine
 
 WINDOW = 32  # control steps in one call of the environment's benchmark
@@ -24,15 +25,15 @@ POOL = 64  # scenes to reset into
 Result = dict[str, Any]
 
 
-def bench_config(task: str, policy: str, num_envs: int | None) -> Config:
-    """The `fast` preset's configuration for a task and a policy.
+def bench_config(task: str, policy: str, num_envs: int | None, robot: str = DEFAULT) -> Config:
+    """The `fast` preset's configuration for a task, a policy and a robot.
 
     Raises:
         UserError: if a name is unknown or sizes do not divide.
     """
     from loco_mjx.networks.policies import POLICIES, make_networks
 
-    base = preset("fast")
+    base = preset("fast", robot)
     ppo = base.ppo if num_envs is None else dataclasses.replace(base.ppo, num_envs=num_envs)
     make_networks(policy, base.network, base.env.action.size)  # refuses unknown names
     depth = dataclasses.replace(base.env.observation.depth, enabled=POLICIES[policy].uses_depth)

@@ -15,6 +15,7 @@ T = TypeVar("T")
 
 ALL = "--help-all"
 WIDTH = 78
+IMPORT = "--import MODULE, as often as needed, loads a module or a .py file of yours first (docs/extending.md)."
 
 
 def asked(args: Sequence[str]) -> bool:
@@ -43,11 +44,12 @@ def description(kind: type, names: Sequence[str], keys: Sequence[str], everythin
 
     Args:
         kind: the dataclass of options; its docstring comes first.
-        names: kinds of names to list, of "tasks", "policies" and "presets".
+        names: kinds of names to list, of "tasks", "robots", "policies" and "presets".
         keys: fields that are left out of the short help.
         everything: whether this is the long help.
     """
     parts = [inspect.getdoc(kind) or ""]
+    parts.append(IMPORT)
     if keys and not everything:
         groups = ", ".join(f"--{key}.*" for key in keys)
         parts.append(f"With {ALL} they are listed too: {groups}.")
@@ -72,6 +74,10 @@ def _names(kind: str) -> list[str]:
         from loco_mjx.networks.policies import POLICIES
 
         return list(POLICIES)
+    if kind == "robots":
+        from loco_mjx.robots import ROBOTS
+
+        return list(ROBOTS)
     from loco_mjx.config import PRESETS
 
     return list(PRESETS)

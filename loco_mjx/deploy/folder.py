@@ -19,6 +19,7 @@ import numpy as np
 from loco_mjx.deploy import schema
 from loco_mjx.deploy.description import DEPTH, FORMAT, STATE, VERSION
 from loco_mjx.errors import UserError
+from loco_mjx.robots import DEFAULT, NJOINT
 
 MANIFEST, ONNX, PARAMETERS, STABLEHLO = "policy.json", "policy.onnx", "policy.npz", "policy.stablehlo"
 
@@ -49,7 +50,7 @@ class Camera:
     near: float
     far: float
     frames: int
-    offset: float  # ahead of the trunk's origin, along its x
+    offset: tuple[float, float, float]  # in the trunk's frame
     code_offset: float  # code = (sqrt(ln(d + 1)) − code_offset) / code_scale
     code_scale: float
 
@@ -60,13 +61,14 @@ class Manifest:
 
     Attributes:
         policy: the policy's name.
+        robot: its robot's name.
         fields: the parts of `state` in order; empty if it is not read.
         camera: None if depth is not read.
         joints: names in the order of every vector of 12.
         default_pose: (12,) rad.
         lower: (12,) rad.
         upper: (12,) rad.
-        torque_limit: N·m.
+        torque_limit: (12,) N·m.
         kp: N·m/rad.
         kd: N·m·s/rad.
         policy_hz: ticks per second.
@@ -76,13 +78,14 @@ class Manifest:
     """
 
     policy: str
+    robot: str
     fields: tuple[Field, ...]
     camera: Camera | None
     joints: tuple[str, ...]
     default_pose: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
-    torque_limit: float
+    torque_limit: np.ndarray
     kp: float
     kd: float
     policy_hz: int
@@ -167,16 +170,19 @@ def build(raw: Mapping[str, Any]) -> Manifest:
     camera = None
     if DEPTH in inputs:
         keys = Camera.__dataclass_fields__
-        camera = Camera(**{name: value for name, value in inputs[DEPTH]["camera"].items() if name in keys})
+        values = {name: value for name, value in inputs[DEPTH]["camera"].items() if name in keys}
+        offset = values["offset"]  # its x alone, where y and z are 0
+        camera = Camera(**values | {"offset": tuple(offset) if isinstance(offset, list) else (offset, 0.0, 0.0)})
     return Manifest(
         policy=str(raw["policy"]),
+        robot=str(raw.get("robot", DEFAULT)),
         fields=tuple(Field(str(part["name"]), int(part["size"]), int(part["frames"])) for part in fields),
         camera=camera,
         joints=tuple(joints["order"]),
         default_pose=np.array(joints["default_pose"], np.float64),
         lower=np.array(joints["lower"], np.float64),
         upper=np.array(joints["upper"], np.float64),
-        torque_limit=float(joints["torque_limit"]),
+        torque_limit=np.broadcast_to(np.array(joints["torque_limit"], np.float64), NJOINT),
         kp=float(gains["kp"]),
         kd=float(gains["kd"]),
         policy_hz=int(rates["policy_hz"]),

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jp
 import numpy as np
 
-from loco_mjx import a1
 from loco_mjx.config import DepthConfig
+from loco_mjx.robots.robot import Vector3
 
 
 def rotation_matrix(quat: jax.Array) -> jax.Array:
@@ -35,17 +35,21 @@ def rotation_matrix(quat: jax.Array) -> jax.Array:
     )
 
 
-def pose(qpos: jax.Array) -> tuple[jax.Array, jax.Array]:
+def pose(qpos: jax.Array, mount: Vector3) -> tuple[jax.Array, jax.Array]:
     """Where the camera is, from the free base's pose alone.
 
     Args:
         qpos: (7 or more,) base position, base quaternion (w, x, y, z), and whatever follows.
+        mount: the camera in the base's frame, m.
 
     Returns:
         origin (3,) in the world, m, and rotation (3, 3) whose columns are forward, left, up in the world.
     """
     rotation = rotation_matrix(qpos[3:7])
-    return qpos[:3] + a1.CAMERA_OFFSET * rotation[:, 0], rotation
+    origin = qpos[:3] + mount[0] * rotation[:, 0]
+    for axis in (1, 2):
+        origin = origin + mount[axis] * rotation[:, axis] if mount[axis] else origin
+    return origin, rotation
 
 
 def rays(config: DepthConfig) -> tuple[np.ndarray, np.ndarray]:

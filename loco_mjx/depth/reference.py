@@ -13,9 +13,9 @@ import numpy as np
 
 if TYPE_CHECKING:
     from loco_mjx.config import DepthConfig
+    from loco_mjx.robots.robot import Vector3
 
 VISIBLE_GROUPS = (2,)  # geom groups of a written scene that are seen; the robot's own are others
-CAMERA_OFFSET = 0.2309  # m, ahead of the trunk's origin along its x axis
 
 
 def directions(config: DepthConfig) -> np.ndarray:
@@ -33,6 +33,7 @@ def cast(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     qpos: np.ndarray,
+    mount: Vector3,
     config: DepthConfig,
     groups: tuple[int, ...] = VISIBLE_GROUPS,
 ) -> np.ndarray:
@@ -42,6 +43,7 @@ def cast(
         model: the compiled scene.
         data: its state after ``mj_kinematics``; each thread needs its own, for MuJoCo's scratch memory.
         qpos: (7 or more,) base position, base quaternion (w, x, y, z), and whatever follows.
+        mount: the camera in the base's frame, m.
         config: size, field of view and clips of the image.
         groups: geom groups that are seen.
 
@@ -51,7 +53,7 @@ def cast(
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, np.asarray(qpos[3:7], np.float64) / np.linalg.norm(qpos[3:7]))
     rotation = matrix.reshape(3, 3)
-    origin = np.asarray(qpos[:3], np.float64) + CAMERA_OFFSET * rotation[:, 0]
+    origin = np.asarray(qpos[:3], np.float64) + rotation @ np.asarray(mount)
     rays = directions(config) @ rotation.T
     length = np.linalg.norm(rays, axis=1)  # of a ray per metre of planar depth
     visible = np.zeros(mujoco.mjNGROUP, np.uint8)

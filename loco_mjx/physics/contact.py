@@ -12,14 +12,14 @@ import jax
 import jax.numpy as jp
 import numpy as np
 
-from loco_mjx import a1
 from loco_mjx.physics import arrow
 from loco_mjx.physics.arrow import BASE, JOINTS, LEGS, Motion
-from loco_mjx.physics.kinematics import RADII, Pose, Vector, calf_centers, column, trunk_centers
+from loco_mjx.physics.kinematics import Pose, Vector, calf_centers, column, trunk_centers
 from loco_mjx.physics.model import PhysicsModel, Softness
 from loco_mjx.physics.rows import Constraints
 from loco_mjx.physics.slots import Planes, Slots
 from loco_mjx.physics.stage import add_up
+from loco_mjx.robots import Robot
 
 
 def _cross(a: Vector, b: Vector) -> Vector:
@@ -62,15 +62,15 @@ def _weight_and_pull(
     return jp.where(distance < 0.0, weight, 0.0), -softness.stiffness * impedance * distance
 
 
-def _base_rows(robot: Pose, point: Vector, direction: Vector) -> list[jax.Array]:
+def _base_rows(pose: Pose, point: Vector, direction: Vector) -> list[jax.Array]:
     """Jacobian in the base's 6 degrees of freedom of points' velocities along directions."""
-    moment = _cross(_sub(point, robot.origin), direction)
-    return [*direction, *(_dot(axis, moment) for axis in (robot.forward, robot.left, robot.up))]
+    moment = _cross(_sub(point, pose.origin), direction)
+    return [*direction, *(_dot(axis, moment) for axis in (pose.forward, pose.left, pose.up))]
 
 
-def _joint_rows(robot: Pose, point: Vector, direction: Vector) -> list[jax.Array]:
+def _joint_rows(pose: Pose, point: Vector, direction: Vector) -> list[jax.Array]:
     """Jacobian in a leg's 3 joints of the velocities along directions of points that move with its calf."""
-    pairs = ((robot.forward, robot.hip), (robot.side, robot.shoulder), (robot.side, robot.knee))
+    pairs = ((pose.forward, pose.hip), (pose.side, pose.shoulder), (pose.side, pose.knee))
     return [_dot(axis, _cross(_sub(point, anchor), direction)) for axis, anchor in pairs]
 
 
@@ -102,12 +102,12 @@ class _LegRows(NamedTuple):
     direction: Vector
 
 
-def _leg_rows(robot: Pose, slots: Slots) -> _LegRows:
+def _leg_rows(robot: Robot, pose: Pose, slots: Slots) -> _LegRows:
     count = len(slots.feet)
     rough, smooth = (*slots.feet, slots.knees[0]), (slots.hips, slots.calves, *slots.knees[1:])
     others = len(smooth) - 2
-    centers = (*[robot.foot] * count, robot.knee, robot.shoulder, calf_centers(robot), *[robot.knee] * others)
-    foot, hip, knee, calf = RADII[: 4 * LEGS : LEGS]
+    centers = (*[pose.foot] * count, pose.knee, pose.shoulder, calf_centers(pose), *[pose.knee] * others)
+    foot, hip, knee, calf = robot.leg_radii
     radii = (*[foot] * count, knee, hip, calf, *[knee] * others)
     points = [_contact_point(c, plane, r) for c, plane, r in zip(centers, rough + smooth, radii, strict=True)]
     frames = [tangents(plane.normal) for plane in rough]
@@ -119,15 +119,15 @@ def _leg_rows(robot: Pose, slots: Slots) -> _LegRows:
 
 
 def _legs(
-    model: PhysicsModel, robot: Pose, velocity: Motion, legs: _LegRows, friction: jax.Array, mass: jax.Array
+    model: PhysicsModel, pose: Pose, velocity: Motion, legs: _LegRows, friction: jax.Array, mass: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Jacobian, reference and weight of the legs' contacts; see rows.Constraints."""
     rows, contacts = legs.point[0].shape[0], legs.distance.shape[0]
     slots = (rows - contacts) // 2
     # A hip's sphere moves with the hip joint only.
     beyond_hip = (np.arange(rows) != 3 * slots).astype(np.float32).reshape(-1, 1, 1)
-    hip, thigh, calf = _joint_rows(robot, legs.point, legs.direction)
-    base = _base_rows(robot, legs.point, legs.direction)
+    hip, thigh, calf = _joint_rows(pose, legs.point, legs.direction)
+    base = _base_rows(pose, legs.point, legs.direction)
     jacobian = jp.stack([*base, hip, thigh * beyond_hip, calf * beyond_hip])
     # As in MuJoCo, every edge of a pyramid has this times its normal's inverse weight.
     edge = 2.0 * friction * friction * (1.0 + friction * friction) / mass
@@ -144,11 +144,13 @@ def _legs(
 
 
 def _trunk(
-    model: PhysicsModel, robot: Pose, velocity: Motion, plane: Planes, mass: jax.Array
+    model: PhysicsModel, pose: Pose, velocity: Motion, plane: Planes, mass: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Jacobian, reference and weight of the trunk's contacts."""
-    point = _contact_point(trunk_centers(robot), plane, column(RADII[4 * LEGS :], plane.distance))
-    jacobian = jp.stack(_base_rows(robot, point, plane.normal))
+    point = _contact_point(
+        trunk_centers(model.robot, pose), plane, column(model.robot.radii[4 * LEGS :], plane.distance)
+    )
+    jacobian = jp.stack(_base_rows(pose, point, plane.normal))
     invweight = column(model.sphere_invweight[4 * LEGS :], plane.distance) / mass
     weight, pull = _weight_and_pull(model.softness, plane.distance, invweight)
     speed = add_up(jacobian[i] * velocity.base[i] for i in range(BASE))
@@ -158,7 +160,7 @@ def _trunk(
 def _limits(model: PhysicsModel, angles: jax.Array, speeds: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Sign, reference and weight of the joint limits, each (3, 4, N), like the arguments."""
     shape = lambda values: np.asarray(values, np.float32).reshape(LEGS, JOINTS).T[:, :, None]  # noqa: E731
-    above, below = angles - shape(a1.JOINT_LOWER), shape(a1.JOINT_UPPER) - angles
+    above, below = angles - shape(model.robot.lower), shape(model.robot.upper) - angles
     sign = jp.where(above < below, 1.0, -1.0).astype(angles.dtype)
     weight, pull = _weight_and_pull(model.limit_softness, jp.minimum(above, below), shape(model.joint_invweight))
     return sign, pull - model.limit_softness.damping * sign * speeds, weight
@@ -166,7 +168,7 @@ def _limits(model: PhysicsModel, angles: jax.Array, speeds: jax.Array) -> tuple[
 
 def constraints(
     model: PhysicsModel,
-    robot: Pose,
+    pose: Pose,
     qpos: jax.Array,
     qvel: jax.Array,
     slots: Slots,
@@ -177,7 +179,7 @@ def constraints(
 
     Args:
         model: the physics.
-        robot: where it is.
+        pose: where the robot is.
         qpos: (19, N).
         qvel: (18, N).
         slots: what the spheres may touch.
@@ -186,6 +188,6 @@ def constraints(
     """
     velocity = arrow.split(qvel)
     angles = jp.swapaxes(qpos[7:].reshape(LEGS, JOINTS, -1), 0, 1)
-    legs = _legs(model, robot, velocity, _leg_rows(robot, slots), friction, mass)
-    trunk = _trunk(model, robot, velocity, slots.trunk, mass)
+    legs = _legs(model, pose, velocity, _leg_rows(model.robot, pose, slots), friction, mass)
+    trunk = _trunk(model, pose, velocity, slots.trunk, mass)
     return Constraints(*legs, friction, *trunk, *_limits(model, angles, velocity.joints))

@@ -15,8 +15,9 @@ import numpy as np
 from flax import struct
 
 from loco_mjx.config import PhysicsConfig
-from loco_mjx.physics.kinematics import LEGS, RADII, Vector, column, sphere_centers
+from loco_mjx.physics.kinematics import LEGS, Vector, column, sphere_centers
 from loco_mjx.physics.stage import Stage
+from loco_mjx.robots import Robot
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.types import COLLISION_MARGIN, STEP, Scene, Terrain
 
@@ -80,7 +81,7 @@ class Slots(NamedTuple):
         knees: planes (4,): the nearest of everything, which has friction, then the others of the feet's, which have
             none: a robot on its knees leans against walls.
         calves: (4,) the nearest of everything.
-        trunk: (6,) the nearest of everything.
+        trunk: (T,) the nearest of everything.
         hit: bool, whether any sphere touches an obstacle or a wall.
     """
 
@@ -106,17 +107,18 @@ def _kept(shapes: Box | Cylinder, distance: jax.Array, count: int) -> tuple[Any,
     return jax.tree.map(lambda a: a[pick], shapes), pick, jp.maximum(within - number, 0)
 
 
-def near(scene: Scene, qpos: jax.Array, config: PhysicsConfig) -> Near:
+def near(scene: Scene, robot: Robot, qpos: jax.Array, config: PhysicsConfig) -> Near:
     """Picks the boxes and cylinders nearest to the robot's spheres, and counts what is left out within their reach.
 
     Args:
         scene: the world.
-        qpos: (19,) configuration of the robot.
+        robot: whose spheres.
+        qpos: (19,) its configuration.
         config: how many to keep (`near_boxes`, `near_cylinders`).
     """
-    point = sphere_centers(qpos)
+    point = sphere_centers(robot, qpos)
     gap = lambda distance, shapes: jp.min(  # noqa: E731
-        jax.vmap(lambda shape: distance(point, shape) - column(RADII, point[0]))(shapes), axis=1
+        jax.vmap(lambda shape: distance(point, shape) - column(robot.radii, point[0]))(shapes), axis=1
     )
     boxes, cylinders = scene.boxes, scene.cylinders
     turn = jp.stack([jp.cos(boxes.yaw), jp.sin(boxes.yaw)], axis=-1)
@@ -265,16 +267,17 @@ def _gathered(shapes: Box | Cylinder, index: jax.Array) -> Box | Cylinder:
     return jax.tree.map(select, shapes)
 
 
-def touch(stage: Stage, scene: Near, point: Vector, obstacle_slots: int) -> Slots:
+def touch(stage: Stage, scene: Near, robot: Robot, point: Vector, obstacle_slots: int) -> Slots:
     """Contact slots of all spheres, of N environments.
 
     Args:
         stage: how to compute intermediate results once.
         scene: what is near; each array's last axis is over environments, the terrain's first.
-        point: x, y, z of the spheres' centres, each (22, N), m, in the order of kinematics.SPHERES.
+        robot: whose spheres.
+        point: x, y, z of their centres, each (S, N), m, in the order of `robot.spheres`.
         obstacle_slots: per foot and knee, how many of the nearest boxes and cylinders beside the ground.
     """
-    radii = column(RADII, point[0])
+    radii = column(robot.radii, point[0])
     floor = stage(ground_plane, scene.terrain, point)
     ranking = stage(lambda: _rank(scene, point, radii, obstacle_slots))
     ranked = zip(ranking.distance, ranking.number, strict=True)

@@ -1,4 +1,4 @@
-"""One control step: 16 physics steps of the A1 against a scene.
+"""One control step: the physics steps of a robot against a scene.
 
 Rigid-body dynamics are MJX's; contacts are the tangent planes of slots.py; the constraint solver is solver.py.
 """
@@ -12,11 +12,12 @@ import jax.numpy as jp
 import numpy as np
 from flax import struct
 
-from loco_mjx import a1
 from loco_mjx.physics import arrow, contact, kinematics, slots, solver
 from loco_mjx.physics.mjx import mjx
 from loco_mjx.physics.model import PhysicsModel
 from loco_mjx.physics.stage import Stage, add_up, total
+from loco_mjx.robots import NJOINT, NV
+from loco_mjx.robots.motor import motor_torque
 from loco_mjx.scene.types import Scene
 
 
@@ -60,15 +61,15 @@ class Dynamics:
 
 @struct.dataclass
 class Outcome:
-    """What happened in a control step; index 0 of the 17 is before it, 16 after it.
+    """What happened in a control step of n physics steps; index 0 of a trace is before it, n after it.
 
     Attributes:
         torque_squared: mean over the physics steps of the sum of the motors' squared torques, (N·m)².
         obstacle_contact: bool, whether any sphere touched an obstacle or a wall in any physics step.
         dropped: int32, boxes and cylinders within reach of the robot that it could not feel: it feels only so many.
-        angles: (17, 12) joint angles, rad.
-        quat: (17, 4) base orientation.
-        gyro: (17, 3) angular velocity in the trunk's frame, rad/s.
+        angles: (n + 1, 12) joint angles, rad.
+        quat: (n + 1, 4) base orientation.
+        gyro: (n + 1, 3) angular velocity in the trunk's frame, rad/s.
     """
 
     torque_squared: jax.Array
@@ -82,13 +83,13 @@ class Outcome:
 def initial_state(qpos: jax.Array) -> PhysicsState:
     """At rest in a pose (19,)."""
     qpos = jp.asarray(qpos, jp.float32)
-    return PhysicsState(qpos, jp.zeros(18, jp.float32), jp.zeros(18, jp.float32))
+    return PhysicsState(qpos, jp.zeros(NV, jp.float32), jp.zeros(NV, jp.float32))
 
 
-def nominal_dynamics(kp: float = a1.KP, kd: float = a1.KD, friction: float = 1.0) -> Dynamics:
-    """The robot as it is, without randomisation."""
+def nominal_dynamics(kp: float, kd: float, friction: float = 1.0) -> Dynamics:
+    """A robot as it is, without randomisation, under gains kp (N·m/rad) and kd (N·m·s/rad)."""
     one = jp.ones((), jp.float32)
-    return Dynamics(kp * one, kd * one, jp.ones(12, jp.float32), 0.0 * one, friction * one, one, one)
+    return Dynamics(kp * one, kd * one, jp.ones(NJOINT, jp.float32), 0.0 * one, friction * one, one, one)
 
 
 def _inertia_and_bias(
@@ -104,9 +105,9 @@ def _inertia_and_bias(
     return mjx.full_m(m, d), d.qfrc_bias
 
 
-def _integrate(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
+def _integrate(qpos: jax.Array, qvel: jax.Array, timestep: float) -> jax.Array:
     """Position after one physics step at a velocity; (19, N), (18, N)."""
-    dt = np.float32(a1.PHYSICS_DT)
+    dt = np.float32(timestep)
     half = qvel[3:6] * (dt * np.float32(0.5))
     angle = jp.sqrt(jp.sum(half * half, axis=0))
     # sin(angle) / angle; below 1e-4 rad that is 1 to float32
@@ -132,18 +133,17 @@ def _physics_step(
     state: PhysicsState,
 ) -> tuple[PhysicsState, jax.Array, jax.Array]:
     """The next state, the squared torque and whether an obstacle is touched. Environments last in every array."""
-    qpos, qvel = state.qpos, state.qvel
-    torque = a1.motor_torque(
-        targets, qpos[7:], qvel[6:], dynamics.kp, dynamics.kd, dynamics.strength, dynamics.motor_friction
-    )
+    robot, qpos, qvel = model.robot, state.qpos, state.qvel
+    limit, gains = kinematics.column(robot.torque_limit, qpos), (dynamics.kp, dynamics.kd)
+    torque = motor_torque(targets, qpos[7:], qvel[6:], *gains, limit, dynamics.strength, dynamics.motor_friction)
     smooth = jax.vmap(lambda *args: _inertia_and_bias(model, *args), in_axes=-1, out_axes=-1)
     inertia, bias = stage(smooth, qpos, qvel, dynamics.mass, dynamics.inertia)
-    robot = stage(kinematics.pose, qpos)
-    touched = slots.touch(stage, near, stage(kinematics.centers, robot), model.obstacle_slots)
-    constraints = stage(
-        lambda: contact.constraints(model, robot, qpos, qvel, touched, dynamics.friction, dynamics.mass)
-    )
-    force = jp.concatenate([-bias[:6], torque - bias[6:]])
+    pose = stage(lambda qpos: kinematics.pose(robot, qpos), qpos)
+    centers = stage(lambda pose: kinematics.centers(robot, pose), pose)
+    touched = slots.touch(stage, near, robot, centers, model.obstacle_slots)
+    constraints = stage(lambda: contact.constraints(model, pose, qpos, qvel, touched, dynamics.friction, dynamics.mass))
+    passive = kinematics.column(robot.damping, qpos) * qvel[6:] if any(robot.damping) else 0.0
+    force = jp.concatenate([-bias[:6], torque - passive - bias[6:]])
     acceleration = arrow.join(
         solver.solve(
             stage,
@@ -154,8 +154,8 @@ def _physics_step(
             model.config.more_iterations,
         )
     )
-    qvel = qvel + np.float32(a1.PHYSICS_DT) * acceleration
-    new = PhysicsState(_integrate(qpos, qvel), qvel, acceleration)
+    qvel = qvel + np.float32(robot.physics_dt) * acceleration
+    new = PhysicsState(_integrate(qpos, qvel, robot.physics_dt), qvel, acceleration)
     return new, total(torque * torque), touched.hit
 
 
@@ -164,7 +164,7 @@ def _control_steps(
 ) -> tuple[PhysicsState, Outcome]:
     """:func:`control_step` of N environments, on the first axis of every argument."""
     terrain, flat = scene.terrain, scene.replace(terrain=None)  # type: ignore[attr-defined]
-    near = jax.vmap(lambda scene, qpos: slots.near(scene, qpos, model.config))(flat, state.qpos)
+    near = jax.vmap(lambda scene, qpos: slots.near(scene, model.robot, qpos, model.config))(flat, state.qpos)
     last = lambda tree: jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), tree)  # noqa: E731
     # A heightfield is too large to be turned around in every step.
     near = last(near).replace(terrain=terrain)
@@ -174,7 +174,7 @@ def _control_steps(
         new, squared, hit = _physics_step(model, Stage(i >= 0), near, targets, dynamics, state)
         return new, (squared, hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
 
-    new, (squared, hit, *after) = jax.lax.scan(body, state, jp.arange(a1.SUBSTEPS))
+    new, (squared, hit, *after) = jax.lax.scan(body, state, jp.arange(model.robot.substeps))
     before = (state.qpos[7:], state.qpos[3:7], state.qvel[3:6])
     trace = [jp.concatenate([b[None], a]) for b, a in zip(before, after, strict=True)]
     out = (new, Outcome(jp.mean(squared, axis=0), jp.any(hit, axis=0), near.dropped, *trace))
@@ -184,7 +184,7 @@ def _control_steps(
 def control_step(
     model: PhysicsModel, state: PhysicsState, scene: Scene, targets: jax.Array, dynamics: Dynamics
 ) -> tuple[PhysicsState, Outcome]:
-    """Runs the motors toward targets for one control step (0.04 s, 16 physics steps).
+    """Runs the motors toward targets for one control step (the A1: 0.04 s, 16 physics steps).
 
     Written for one environment; `jax.vmap` of it computes with the environments on the last axis, and a vmap of that
     (seeds × environments) with all of them together there.

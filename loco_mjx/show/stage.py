@@ -7,6 +7,7 @@ import math
 import mujoco
 import numpy as np
 
+from loco_mjx.robots import Robot
 from loco_mjx.scene.mjcf import place_boxes, scene_spec
 from loco_mjx.scene.types import Scene
 from loco_mjx.show.rollout import Moment
@@ -23,9 +24,9 @@ SMOOTHING = 0.08  # of the way that the camera makes up per control step
 class Stage:
     """One episode's scene, compiled, as of its moments."""
 
-    def __init__(self, moment: Moment) -> None:
-        """Compiles the scene of an episode's first moment."""
-        self.model: mujoco.MjModel = scene_spec(moment.scene).compile()
+    def __init__(self, moment: Moment, robot: Robot) -> None:
+        """Compiles the scene of an episode's first moment, with the robot in it."""
+        self.model: mujoco.MjModel = scene_spec(moment.scene, robot).compile()
         self.data = mujoco.MjData(self.model)
         self.spheres = {
             index: geom
