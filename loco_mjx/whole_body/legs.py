@@ -5,12 +5,14 @@ Everything is in the trunk's frame (x forward, y left, z up), legs FR, FL, RR, R
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from loco_mjx import a1
+from loco_mjx.robots import Robot
 from loco_mjx.whole_body.arrays import Array, space
+from loco_mjx.whole_body.masses import masses
 
 
 class Body(NamedTuple):
@@ -21,10 +23,10 @@ class Body(NamedTuple):
         offsets: (4,) from there to the thigh joint along the leg's y axis, positive to the left, m.
         thigh: length, m.
         calf: length to the foot's centre, m.
-        radius: of a foot, m.
+        bend: by which the line from knee to foot leans forward of the calf, rad.
         lower: (12,) limits of the joints, rad.
         upper: (12,) limits of the joints, rad.
-        torque: limit of every motor, N·m.
+        torque: (12,) limits of the motors, N·m.
         mass: of the whole robot, kg.
         inertia: (3, 3) of the whole robot about its centre of mass in the default pose, kg m².
         center: (3,) that centre of mass in the trunk's frame, m.
@@ -34,10 +36,10 @@ class Body(NamedTuple):
     offsets: Array
     thigh: float
     calf: float
-    radius: float
+    bend: float
     lower: Array
     upper: Array
-    torque: float
+    torque: Array
     mass: float
     inertia: Array
     center: Array
@@ -55,7 +57,7 @@ def feet(body: Body, angles: Array) -> Array:
 def _plane(body: Body, angles: Array) -> tuple[Array, Array, Array]:
     """(4,) hip angles, and how far ahead and above (negative) of its thigh joint each foot is in its leg's plane."""
     xp = space(angles)
-    hip, thigh, calf = angles[0::3], angles[1::3], angles[2::3]
+    hip, thigh, calf = angles[0::3], angles[1::3], angles[2::3] + body.bend
     ahead = -body.thigh * xp.sin(thigh) - body.calf * xp.sin(thigh + calf)
     down = -body.thigh * xp.cos(thigh) - body.calf * xp.cos(thigh + calf)
     return hip, ahead, down
@@ -66,7 +68,7 @@ def jacobians(body: Body, angles: Array) -> Array:
     xp = space(angles)
     hip, ahead, down = _plane(body, angles)
     sin, cos = xp.sin(hip), xp.cos(hip)
-    bend = angles[1::3] + angles[2::3]
+    bend = angles[1::3] + angles[2::3] + body.bend
     y, z = body.offsets * cos - down * sin, body.offsets * sin + down * cos
     knee_ahead, knee_down = -body.calf * xp.cos(bend), body.calf * xp.sin(bend)
     columns = (
@@ -88,7 +90,7 @@ def angles_for(body: Body, where: Array) -> Array:
     calf = -xp.arccos(xp.clip(bent, -1.0, 1.0))
     knee = xp.arctan2(body.calf * xp.sin(calf), body.thigh + body.calf * xp.cos(calf))
     thigh = _wrapped(xp, xp.arctan2(-x, -down) - knee)
-    return xp.clip(xp.stack([hip, thigh, calf], axis=-1).reshape(12), body.lower, body.upper)
+    return xp.clip(xp.stack([hip, thigh, calf - body.bend], axis=-1).reshape(12), body.lower, body.upper)
 
 
 def _wrapped(xp: object, angle: Array) -> Array:
@@ -96,19 +98,24 @@ def _wrapped(xp: object, angle: Array) -> Array:
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-def a1_body() -> Body:
-    """The A1."""
-    front, left = np.array([1.0, 1.0, -1.0, -1.0]), np.array([-1.0, 1.0, -1.0, 1.0])
+def body_of(robot: Robot) -> Body:
+    """What the controller needs to know of a robot.
+
+    Raises:
+        UserError: if its MJCF does not give the inertia of each link.
+    """
+    mass, center, inertia = masses(robot)
+    x, z = robot.foot
     return Body(
-        hips=np.stack([a1.HIP_X * front, a1.HIP_Y * left, np.zeros(4)], axis=-1),
-        offsets=a1.THIGH_OFFSET * left,
-        thigh=a1.LINK_LENGTH,
-        calf=a1.LINK_LENGTH,
-        radius=a1.FOOT_RADIUS,
-        lower=np.array(a1.JOINT_LOWER),
-        upper=np.array(a1.JOINT_UPPER),
-        torque=a1.TORQUE_LIMIT,
-        mass=12.453,
-        inertia=np.array([[0.14107, 0.0, -0.00966], [0.0, 0.36719, 0.0], [-0.00966, 0.0, 0.39964]]),
-        center=np.array([-0.0113, 0.0016, -0.0196]),
+        hips=np.array(robot.hips),
+        offsets=np.array(robot.thigh_offset),
+        thigh=robot.thigh_length,
+        calf=math.hypot(x, z),
+        bend=math.atan2(-x, -z),
+        lower=np.array(robot.lower),
+        upper=np.array(robot.upper),
+        torque=np.array(robot.torque_limit),
+        mass=mass,
+        inertia=inertia,
+        center=center,
     )

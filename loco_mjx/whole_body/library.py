@@ -77,7 +77,7 @@ def make_solver(mpc: Mpc) -> Solver:
     def solve(program: Problem) -> Solution:
         P, q, A, b, chosen = dense(mpc, program)
         forces = np.zeros((*chosen.shape, 3))
-        if not np.all(np.isfinite(q)):
+        if not np.all(np.isfinite(program.gradient)):
             return Solution(forces, np.bool_(False), np.int32(0))
         if not len(q):
             return Solution(forces, np.bool_(True), np.int32(0))
