@@ -12,11 +12,11 @@ import optax
 from flax import struct
 
 from loco_mjx.config import PPOConfig
-from loco_mjx.networks import hold as hold_lib
 from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Outputs, Params
 from loco_mjx.ppo import frame_stack, gae
 from loco_mjx.ppo import loss as loss_lib
 from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.ppo.actor import held_since
 from loco_mjx.ppo.loss import Batch, masked_mean, psum
 from loco_mjx.ppo.normalizer import Normalizer
 from loco_mjx.ppo.rollout import Metrics, Rollout
@@ -61,7 +61,7 @@ class Experience:
         stored = self.rollout.frames
         if stored is not None and self.starts is not None:
             count = stored.shape[0] - self.rollout.reward.shape[0]
-            seen = hold_lib.seen_step(step, self.starts[step, column], self.hold)
+            seen = held_since(step, self.starts[step, column], self.hold)
             obs[DEPTH] = frame_stack.stack(stored, self.starts, seen, column, count)
         if self.rollout.privileged is not None:
             obs[PRIVILEGED] = self.rollout.privileged[step, column]
