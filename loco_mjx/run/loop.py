@@ -45,7 +45,7 @@ class GroupLearner(Learner, Protocol):
         """Each run's own state."""
 
     def join(self, parts: list[Any]) -> Any:
-        """The way back."""
+        """The inverse of `split`."""
 
 
 class Single:
@@ -59,7 +59,7 @@ class Single:
         return [state]
 
     def join(self, parts: list[Any]) -> Any:
-        """The way back."""
+        """The inverse of `split`."""
         return parts[0]
 
 
