@@ -4,28 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
-from loco_mjx.cli.output import one_object
+from loco_mjx.cli.output import Show, one_object
 from loco_mjx.cli.parse import parse
-from loco_mjx.config.tree import NumEnvs
+from loco_mjx.config.tree import NumEnvs, TotalSteps
 from loco_mjx.errors import UserError
-from loco_mjx.ranges import Range
+from loco_mjx.ranges import SEED, Range
 
 PROG = "loco-mjx bench"
 NUM_ENVS = 256
+EVALUATED = ("--evaluations", "12", "--evaluation-episodes", "64")  # of `learn`: often, and in many scenes
 
 
 @dataclass(frozen=True)
 class Options:
-    """Measures frames, physics steps, control steps or samples per second.
+    """Measures frames, physics steps, control steps or samples per second; or how long learning takes.
 
-    Depth and physics are measured beside their peer: C MuJoCo on the same scenes with as many threads.
+    Depth and physics are measured beside their peer: C MuJoCo on the same scenes with as many threads. `learn` trains
+    a policy as `loco-mjx train` does, and says after how many samples and minutes it was at the paper's distance.
     """
 
-    part: tyro.conf.Positional[Literal["depth", "physics", "env", "train"]]
+    part: tyro.conf.Positional[Literal["depth", "physics", "env", "train", "learn"]]
     """What to measure."""
     task: str = "thin"
     """In which task's scenes."""
@@ -37,6 +40,14 @@ class Options:
     """For train: so many seeds in one program, beside one seed alone."""
     seconds: Annotated[float, Range(0, 3600, above=True)] = 5.0
     """To measure for, at least, beside the compilation."""
+    method: Literal["ppo", "distill"] = "distill"
+    """For learn: how."""
+    seed: SEED = 0
+    """For learn: of everything random."""
+    total_steps: TotalSteps | None = None
+    """For learn: samples to train; None: those of `loco-mjx train`."""
+    out: Path | None = None
+    """For learn: directory of the run; None: runs/learn/TASK/POLICY/METHOD-seedSEED. The same again resumes it."""
     json: bool = False
     """Print one JSON object and nothing else."""
 
@@ -51,6 +62,8 @@ def main(args: Sequence[str]) -> int:
     if options.seeds is not None and options.part != "train":
         raise UserError(f"seeds are for bench train, not for bench {options.part}")
     with one_object(options.json) as show:
+        if options.part == "learn":
+            return learn(options, show)
         from loco_mjx.run import machine, provenance
         from loco_mjx.scene.tasks import get_task
 
@@ -61,6 +74,53 @@ def main(args: Sequence[str]) -> int:
         result |= {"devices": devices["count"], "device_kind": devices["kind"], "versions": provenance.versions()}
         show(result, table(result))
     return 0
+
+
+def learn(options: Options, show: Show) -> int:
+    """Trains a policy, or goes on training, and shows when it reached the paper's figures."""
+    from loco_mjx.cli import train
+    from loco_mjx.compare.time_to_paper import milestones, times
+    from loco_mjx.run import directory
+
+    wanted = milestones(options.task)
+    name = f"{options.method}-seed{options.seed}"
+    out = options.out or Path("runs", "learn", options.task, options.policy, name)
+    others = [milestone.evaluated_on for milestone in wanted if milestone.evaluated_on != options.task]
+    words = ["--task", options.task, "--policy", options.policy, "--method", options.method]
+    words += ["--seed", str(options.seed), "--out", str(out), *EVALUATED]
+    words += ["--eval-tasks", ",".join(others)] if others else []
+    words += ["--total-steps", str(options.total_steps)] if options.total_steps is not None else []
+    words += ["--num-envs", str(options.num_envs)] if options.num_envs is not None else []
+    code = train.main(words)
+    if code == 0:
+        result = {"bench": "learn", "task": options.task, "policy": options.policy, "method": options.method}
+        result |= {"seed": options.seed} | times(out, wanted)
+        info = directory.read_json(out / directory.INFO)
+        result |= {name: info[name] for name in ("devices", "versions", "machine")}
+        show(result, learnt(result))
+    return code
+
+
+def learnt(result: dict[str, Any]) -> Any:
+    """When the paper's figures were reached, as people read it."""
+    from rich.table import Table
+
+    teacher = f", of which its teacher's {result['teacher_minutes']:.1f}" if result["teacher_samples"] else ""
+    title = f"{result['policy']} on {result['task']} by {result['method']}: {result['samples']:,} samples"
+    table = Table(
+        "evaluated on",
+        "paper, m",
+        "best, m",
+        "reached after samples",
+        "minutes of training",
+        title=f"{title} in {result['minutes']:.1f} minutes{teacher}",
+        title_justify="left",
+    )
+    for one in result["milestones"]:
+        when = (f"{one['samples']:,}", f"{one['minutes']:.1f}") if one["reached"] else ("not reached", "")
+        best = "" if one["best"] is None else f"{one['best']:.1f}"
+        table.add_row(one["evaluated_on"], f"{one['metres']:.1f}", best, *when)
+    return table
 
 
 def measure(options: Options) -> dict[str, Any]:
