@@ -90,7 +90,7 @@ class Tally:
 
 
 class Evaluator:
-    """Episodes of one environment, side by side, spread over the mesh; compiled once per number of episodes."""
+    """Episodes of one environment, side by side, sharded over the mesh; compiled once per number of episodes."""
 
     def __init__(self, env: Any, networks: Networks, horizon: int, mesh: Mesh, deterministic: bool = True) -> None:
         """Prepares the program.
@@ -104,7 +104,7 @@ class Evaluator:
         """
         self.env, self.networks, self.horizon, self.mesh = env, networks, horizon, mesh
         self.deterministic = deterministic
-        self._run = jax.jit(spread(self._share, mesh, (P(), P(), P()), P()))
+        self._run = jax.jit(spread(self._on_device, mesh, (P(), P(), P()), P()))
 
     def run(self, params: Any, normalizer: Any, seed: int, episodes: int) -> Figures:
         """Each metric of each episode, (episodes,); episode i is the same whatever their number.
@@ -134,8 +134,8 @@ class Evaluator:
         sums = {name: np.concatenate([np.asarray(part[name]) for part in parts])[:episodes] for name in parts[0]}
         return figures(sums)
 
-    def _share(self, params: Any, normalizer: Any, keys: Any) -> dict[str, jax.Array]:
-        """Everyone's episodes, of which this device runs its share; all hold the result, whoever asks for it."""
+    def _on_device(self, params: Any, normalizer: Any, keys: Any) -> dict[str, jax.Array]:
+        """All episodes, of which each device runs as many; every device has the whole result."""
         device = jax.lax.axis_index(AXIS)
         own = jax.tree.map(lambda key: key.reshape(self.mesh.size, -1, *key.shape[1:])[device], keys)
         return jax.lax.all_gather(self._episodes(params, normalizer, *own), AXIS, tiled=True)

@@ -19,10 +19,11 @@ from loco_mjx.ppo.trainer import Trainer, TrainState
 class SeedsTrainer:
     """A :class:`Trainer`'s program for S seeds at once; nothing of one seed reaches another.
 
-    Every array of the state, the pool and the metrics has a leading axis of S; each seed's environments are spread over
-    the trainer's mesh as a single seed's are. Seed i draws the same numbers as its own single run: initial parameters,
-    scenes, starts, the noise of its actions, the order of its samples. Batched matrix products may round differently,
-    which a run of thousands of chaotic steps amplifies: its curve is another sample of the same distribution.
+    Every array of the state, the pool and the metrics has a leading axis of S; each seed's environments are sharded
+    over the trainer's mesh as a single seed's are. Seed i draws the same numbers as its own single run: initial
+    parameters, scenes, starts, the noise of its actions, the order of its samples. Batched matrix products may round
+    differently, which a run of thousands of chaotic steps amplifies: its curve is another sample of the same
+    distribution.
 
     Attributes:
         trainer: of a single seed; its configuration's own seed is not used.
