@@ -9,11 +9,25 @@ if _typing.TYPE_CHECKING:
     from loco_mjx.config import EnvConfig
     from loco_mjx.env import LocoEnv, make_env
     from loco_mjx.env.brax import wrap_for_brax
+    from loco_mjx.env.reward import register_reward
     from loco_mjx.env.state import State
+    from loco_mjx.networks.policies import register_policy
     from loco_mjx.run.machine import set_up
+    from loco_mjx.scene.tasks import register_task
 
 __version__ = "0.1.0"
-__all__ = ["EnvConfig", "LocoEnv", "State", "__version__", "make_env", "set_up", "wrap_for_brax"]
+__all__ = [
+    "EnvConfig",
+    "LocoEnv",
+    "State",
+    "__version__",
+    "make_env",
+    "register_policy",
+    "register_reward",
+    "register_task",
+    "set_up",
+    "wrap_for_brax",
+]
 
 # JAX and MuJoCo load when a name is first asked for, not when the package's version is.
 _HOMES = {
@@ -21,6 +35,9 @@ _HOMES = {
     "LocoEnv": "loco_mjx.env",
     "State": "loco_mjx.env.state",
     "make_env": "loco_mjx.env",
+    "register_policy": "loco_mjx.networks.policies",
+    "register_reward": "loco_mjx.env.reward",
+    "register_task": "loco_mjx.scene.tasks",
     "set_up": "loco_mjx.run.machine",
     "wrap_for_brax": "loco_mjx.env.brax",
 }

@@ -9,7 +9,7 @@ import dataclasses
 import numbers
 import types
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from operator import attrgetter
@@ -48,6 +48,17 @@ class Range:
         return f"{'more than ' if self.above else ''}{low}, {'less than' if self.below else 'up to'} {high}"
 
 
+@dataclass(frozen=True)
+class Each:
+    """That every value of a mapping is of a type.
+
+    Attributes:
+        hint: the type, with its ranges.
+    """
+
+    hint: Any
+
+
 SEED = Annotated[int, Range(0, 2**31 - 1)]
 COUNT = Annotated[int, Range(1, 1_000_000)]  # of episodes and the like
 
@@ -63,12 +74,31 @@ def check(tree: Any, prefix: str = "", called: Callable[[str], str] = str) -> No
     Raises:
         UserError: naming the first value that is not accepted, and what is.
     """
-    for path, hint in leaves(type(tree)):  # type: ignore[arg-type]
-        value = attrgetter(path)(tree)
+    for path, value, hint in values(tree):
         accepted = complaint(value, hint)
         if accepted is not None:
             name = f"{prefix}.{path}" if prefix else called(path)
             raise UserError(f"{name} is {_shown(value)}; accepted: {accepted}")
+
+
+def values(tree: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Path, value and type of every value in a dataclass and those it holds, and in the mappings of values by name."""
+    for path, hint in leaves(type(tree)):  # type: ignore[arg-type]
+        yield from _values(path, attrgetter(path)(tree), hint)
+
+
+def _values(path: str, value: Any, hint: Any) -> Iterator[tuple[str, Any, Any]]:
+    """A leaf's path, value and type; of a mapping those of its values, which stand beside the mapping."""
+    each = next((part.hint for part in getattr(hint, "__metadata__", ()) if isinstance(part, Each)), None)
+    if each is None:
+        yield path, value, hint
+        return
+    if not isinstance(value, Mapping):
+        yield path, value, Mapping
+        return
+    group = path.rpartition(".")[0]
+    for name, one in value.items():
+        yield f"{group}.{name}" if group else name, one, each
 
 
 @cache
@@ -107,12 +137,13 @@ def complaint(value: Any, hint: Any) -> str | None:
         return None if (type(value), value) in [(type(one), one) for one in parts] else ", ".join(map(str, parts))
     if origin is tuple:
         return _complaint_of_tuple(value, parts)
-    kinds: dict[Any, tuple[type, str]] = {
+    kinds: dict[Any, tuple[Any, str]] = {
         bool: (bool, "True or False"),
         int: (numbers.Integral, "a whole number"),
         float: (numbers.Real, "a number"),
         str: (str, "a word"),
         type(None): (type(None), "None"),
+        Mapping: (Mapping, "values by name"),
     }
     if hint not in kinds:
         return None

@@ -12,7 +12,9 @@ import os
 import sys
 from collections.abc import Sequence
 
+from loco_mjx import imports
 from loco_mjx.cli import terminal
+from loco_mjx.cli import words as command_line
 from loco_mjx.errors import RunError, UnknownNameError, UserError, is_full
 from loco_mjx.run.signals import Interrupt
 
@@ -97,6 +99,12 @@ def _run(words: Sequence[str]) -> int:
     verb, rest = words[0], words[1:]
     if verb not in VERBS:
         raise UnknownNameError("command", verb, VERBS)
+    modules = command_line.imports(rest)
+    if modules:
+        from loco_mjx.cli.scene import choose_gl
+
+        choose_gl()  # before a module imports MuJoCo
+        imports.load(modules)
     try:
         code = importlib.import_module(f"loco_mjx.cli.{verb}").main(list(rest))
     except OSError as error:

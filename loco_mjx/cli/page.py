@@ -15,6 +15,7 @@ T = TypeVar("T")
 
 ALL = "--help-all"
 WIDTH = 78
+IMPORT = "--import MODULE, as often as needed, loads a module or a .py file of yours first (docs/extending.md)."
 
 
 def asked(args: Sequence[str]) -> bool:
@@ -48,6 +49,7 @@ def description(kind: type, names: Sequence[str], keys: Sequence[str], everythin
         everything: whether this is the long help.
     """
     parts = [inspect.getdoc(kind) or ""]
+    parts.append(IMPORT)
     if keys and not everything:
         groups = ", ".join(f"--{key}.*" for key in keys)
         parts.append(f"With {ALL} they are listed too: {groups}.")

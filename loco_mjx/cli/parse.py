@@ -11,6 +11,7 @@ from typing import Any, NoReturn, TypeVar
 
 from loco_mjx import ranges
 from loco_mjx.cli import page, words
+from loco_mjx.cli.options import REGISTRY
 from loco_mjx.errors import UserError
 
 T = TypeVar("T")
@@ -38,6 +39,7 @@ def parse(
         UserError: on anything that is not accepted, a value beyond its declared range included, in one line.
         SystemExit: with code 0, after printing the help.
     """
+    args = words.without_imports(args)  # loaded by now
     if page.asked(args):
         _help(kind, prog, default, names, keys, page.ALL in args)
     words.refuse_contradictions(kind, args)
@@ -82,9 +84,10 @@ def _tyro(
     text = [words.hyphens(word) for word in args]
     more: dict[str, Any] = {} if default is None else {"default": default}
     markers = (tyro.conf.FlagCreatePairsOff,)
-    return tyro.cli(
-        kind, args=text, prog=prog, description=description, return_unknown_args=True, config=markers, **more
-    )
+    with REGISTRY:
+        return tyro.cli(
+            kind, args=text, prog=prog, description=description, return_unknown_args=True, config=markers, **more
+        )
 
 
 def _options(kind: type[T], prog: str, default: T | None) -> list[str]:
@@ -92,7 +95,7 @@ def _options(kind: type[T], prog: str, default: T | None) -> list[str]:
     page = io.StringIO()
     with contextlib.redirect_stdout(page), contextlib.suppress(SystemExit):
         _tyro(kind, ["--help"], prog, default)
-    return sorted({name for line in page.getvalue().splitlines() for name in _names_of(line)})
+    return sorted({words.IMPORT} | {name for line in page.getvalue().splitlines() for name in _names_of(line)})
 
 
 def _names_of(line: str) -> list[str]:

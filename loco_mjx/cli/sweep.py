@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from loco_mjx import imports
+from loco_mjx.cli import words as command_line
 from loco_mjx.cli.parse import parse
 from loco_mjx.config.tree import NumEnvs, TotalSteps
 from loco_mjx.errors import UserError
@@ -78,7 +81,8 @@ def main(args: Sequence[str]) -> int:
     variants = [parse_variant(text) for text in parse_names(options.policies, "policies")]
     if options.out.exists() and not options.out.is_dir():
         raise UserError(f"{options.out} is a file; choose a directory for the sweep")
-    cells = plan(options).cells(tasks, variants, seeds)
+    modules = tuple(map(imports.absolute, command_line.imports(args)))
+    cells = dataclasses.replace(plan(options), imports=modules).cells(tasks, variants, seeds)
     result = launch.sweep(cells, Console(), launcher(options), options.dry_run)
     if not options.dry_run and (result.ran or result.skipped):
         print(f"next: loco-mjx table {options.out}; loco-mjx curves {options.out}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import typing
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import tyro
 
@@ -17,6 +17,37 @@ def hyphens(word: str) -> str:
     """`--ppo.num_envs=8` and `--ppo.num-envs=8` are the same option."""
     name, equals, value = word.partition("=")
     return name.replace("_", "-") + equals + value if name.startswith("--") else word
+
+
+IMPORT = "--import"
+
+
+def imports(args: Sequence[str]) -> list[str]:
+    """The modules that a command line imports, in order.
+
+    Raises:
+        UserError: if an `--import` names none.
+    """
+    return [module for module, _ in _split(args) if module is not None]
+
+
+def without_imports(args: Sequence[str]) -> list[str]:
+    """The words of a command line that are the command's own."""
+    return [word for module, word in _split(args) if module is None]
+
+
+def _split(args: Sequence[str]) -> Iterator[tuple[str | None, str]]:
+    """The modules that are imported, as (module, ""), and the other words, as (None, word)."""
+    left = iter(args)
+    for word in left:
+        name, equals, value = word.partition("=")
+        if name != IMPORT:
+            yield None, word
+            continue
+        module = value if equals else next(left, "")
+        if not module or _OPTION.match(module):
+            raise UserError(f"{IMPORT} names no module; accepted: a module that Python finds, or a .py file")
+        yield module, ""
 
 
 def given(args: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:

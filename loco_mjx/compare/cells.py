@@ -34,6 +34,7 @@ class Cell:
         eval_tasks: to evaluate on.
         episodes: of each evaluation.
         loop: when it is evaluated while training.
+        imports: modules that its commands load first.
     """
 
     task: str
@@ -45,6 +46,7 @@ class Cell:
     eval_tasks: tuple[str, ...]
     episodes: int
     loop: LoopOptions = field(default_factory=LoopOptions)
+    imports: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -64,12 +66,16 @@ class Cell:
     def train_command(self) -> list[str]:
         """Trains it, or goes on."""
         words = ["--task", self.task, *self.variant.words, "--seed", str(self.seed), "--out", str(self.path)]
-        return [*PROGRAM, "train", *words, *self.options]
+        return [*PROGRAM, "train", *words, *self.options, *self._imports]
 
     def evaluate_command(self, task: str) -> list[str]:
         """Evaluates it on a task."""
         words = ["--task", task, "--episodes", str(self.episodes), "--seed", str(EVALUATION_SEED)]
-        return [*PROGRAM, "evaluate", str(self.path), *words]
+        return [*PROGRAM, "evaluate", str(self.path), *words, *self._imports]
+
+    @property
+    def _imports(self) -> list[str]:
+        return [word for module in self.imports for word in ("--import", module)]
 
     @property
     def teacher(self) -> Config | None:
@@ -135,6 +141,7 @@ class Plan:
         episodes: of each evaluation.
         changes: keys of every cell's configuration and their values, in words.
         loop: when cells are saved and evaluated while they train.
+        imports: modules that every command loads first; they are loaded here, too.
     """
 
     out: Path
@@ -144,6 +151,7 @@ class Plan:
     episodes: int = 32
     changes: tuple[tuple[str, str], ...] = ()
     loop: LoopOptions = field(default_factory=LoopOptions)
+    imports: tuple[str, ...] = ()
 
     def group(self, task: str, variant: Variant, seeds: Sequence[int]) -> dict[int, Cell]:
         """The cells of one policy on one task.
@@ -161,7 +169,7 @@ class Plan:
 
         def cell(seed: int) -> Cell:
             own, where = dataclasses.replace(config, seed=seed), path / f"seed{seed}"
-            return Cell(task, variant, seed, where, own, words, eval_tasks, self.episodes, self.loop)
+            return Cell(task, variant, seed, where, own, words, eval_tasks, self.episodes, self.loop, self.imports)
 
         return {seed: cell(seed) for seed in seeds}
 

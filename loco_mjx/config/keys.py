@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Union
 from loco_mjx.config.tree import Config
 from loco_mjx.config.written import from_dict, to_dict
 from loco_mjx.errors import UnknownNameError, UserError
-from loco_mjx.ranges import complaint, leaves
+from loco_mjx.ranges import complaint, values
 
 
 def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -34,7 +34,8 @@ def with_keys(config: Config, changes: Iterable[tuple[str, str]]) -> Config:
     Raises:
         UserError: if there is no such key, it has two values, or a value is not accepted.
     """
-    tree, hints, given = to_dict(config), dict(leaves(Config)), dict[str, str]()
+    tree, given = to_dict(config), dict[str, str]()
+    hints = {path: hint for path, _, hint in values(config)}
     for key, text in changes:
         if key not in hints:
             raise UnknownNameError("key", key, hints)

@@ -7,11 +7,15 @@ declared range (loco_mjx/ranges.py): wide enough for any experiment, narrow enou
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
+import tyro
+
 from loco_mjx import a1
-from loco_mjx.ranges import SEED, Range
+from loco_mjx.config.reward_terms import Weights, default_weights
+from loco_mjx.ranges import SEED, Each, Range
 
 Share = Annotated[float, Range(0, 1)]
 Weight = Annotated[float, Range(-10_000, 10_000)]  # of a term of the reward or the loss
@@ -84,7 +88,11 @@ class ObservationConfig:
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """Weights of the reward's terms; see loco_mjx/env/reward.py."""
+    """Weights of the reward's terms; see loco_mjx/env/reward.py.
+
+    The terms that were registered from outside are in `terms`; written down, and on the command line, they stand beside
+    the others: `--env.reward.my-term 0.5`.
+    """
 
     forward: Weight = 1.0
     energy: Weight = 0.005 * a1.PHYSICS_DT  # times −‖τ‖²; the paper prints 0.005, which drowns every other term
@@ -96,6 +104,13 @@ class RewardConfig:
     target_speed: Annotated[float, Range(0, 100, above=True)] | None = (
         1.0  # m/s, cap on the forward speed; None: no cap
     )
+    # By name, of the terms that were registered; one of weight 0 is not computed.
+    terms: Annotated[Weights, Each(Weight), tyro.conf.arg(name="")] = field(default_factory=default_weights)
+
+    def __post_init__(self) -> None:
+        """Takes any mapping for `terms`."""
+        if isinstance(self.terms, Mapping):  # what it is else is said where all values are checked
+            object.__setattr__(self, "terms", Weights(self.terms))
 
 
 @dataclass(frozen=True)
@@ -228,3 +243,4 @@ class Config:
     env: EnvConfig = field(default_factory=EnvConfig)
     network: NetworkConfig = field(default_factory=NetworkConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
+    imports: tuple[str, ...] = ()  # the user's modules that bring its task, policy or terms of the reward

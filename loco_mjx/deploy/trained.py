@@ -14,6 +14,7 @@ from loco_mjx.deploy import folder
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import make_networks
 from loco_mjx.ppo import normalizer
+from loco_mjx.run import needs
 from loco_mjx.run.directory import CONFIG
 from loco_mjx.run.policy import TrainedPolicy, load_policy, parameter_shapes
 
@@ -39,6 +40,7 @@ def load(path: Path) -> TrainedPolicy:
         samples = int(manifest.raw["training"]["samples"])
     except (UserError, KeyError, TypeError, ValueError) as error:
         raise UserError(f"{path / folder.MANIFEST} is of another version ({error}); export the run again") from error
+    needs.check(config, path)
     networks = make_networks(config.policy, config.network, config.env.action.size)
     arrays = folder.parameters(path, manifest)
     shapes = traverse_util.flatten_dict(parameter_shapes(config, networks)["params"], sep="/")

@@ -12,8 +12,8 @@ from loco_mjx import a1
 from loco_mjx.config import EnvConfig
 from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
+from loco_mjx.env import metrics, privileged, randomization, reward
 from loco_mjx.env import observation as obs_lib
-from loco_mjx.env import privileged, randomization, reward
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
 from loco_mjx.physics.step import Outcome, PhysicsState, control_step, initial_state
@@ -34,10 +34,11 @@ class LocoEnv:
         """Builds the physics model of the task.
 
         Raises:
-            UnknownNameError: if the task is unknown.
+            UnknownNameError: if the task or a term of the reward is unknown.
         """
         self.config = config
         self.task = get_task(config.task)
+        reward.weights(config.reward)  # refuses unknown terms
         self._model = physics_model.build(config.physics, self.task.obstacle_slots)
 
     @property
@@ -98,7 +99,8 @@ class LocoEnv:
         world = World(initial_state(qpos), scene, randomization.draw(robot_key, self.config), episode)
         info = {"key": episode_key, "truncation": jp.zeros(())}
         blank = {name: jp.zeros(shape) for name, shape in self.observation_size.items()}
-        return State(world, blank, jp.zeros(()), jp.zeros(()), self._no_metrics(world), info)
+        none_yet = metrics.before_first_step(self.config.reward)
+        return State(world, blank, jp.zeros(()), jp.zeros(()), none_yet, info)
 
     def advance(self, state: State, action: jax.Array) -> State:
         """Physics, reward and termination of one control step; the observation's pixels are left as they were."""
@@ -137,8 +139,8 @@ class LocoEnv:
         outcome = _where(finite, outcome, jax.tree.map(jp.zeros_like, outcome))
         scene, spheres = query.collect(scene, physics.qpos[:2])
         world = replace(before, physics=physics, scene=scene)
-        facts = self._facts(before, world, outcome, spheres, command - before.episode.last_action)
-        return self._result(state, world, outcome, facts, finite, command, key)
+        inputs = self._inputs(before, world, outcome, spheres, command, finite)
+        return self._result(state, world, outcome, inputs, key)
 
     def observe(self, state: State) -> State:
         """Fills the observation; renders one depth frame where depth is enabled."""
@@ -179,82 +181,63 @@ class LocoEnv:
             unit = jp.concatenate([right, left, left, right])
         return unit * jp.tile(jp.array(self.config.action.scale), 4)
 
-    def _facts(
-        self, before: World, after: World, outcome: Outcome, spheres: jax.Array, change: jax.Array
-    ) -> reward.StepFacts:
-        start, end = before.physics.qpos[:3], after.physics.qpos[:3]
+    def _inputs(
+        self,
+        before: World,
+        after: World,
+        outcome: Outcome,
+        spheres: jax.Array,
+        command: jax.Array,
+        finite: jax.Array,
+    ) -> reward.RewardInputs:
+        start, end, origin = before.physics.qpos[:3], after.physics.qpos[:3], before.episode.start
         _, x, y, _ = after.physics.qpos[3:7]
-        return reward.StepFacts(
+        forward = reward.forward_displacement(start, end, after.scene.goal, self.task.toward_goal)
+        change = command - before.episode.last_action
+        straight = jp.linalg.norm(end - origin) - jp.linalg.norm(start - origin)
+        return reward.RewardInputs(
             displacement=end - start,
-            forward=reward.forward_displacement(start, end, after.scene.goal, self.task.toward_goal),
+            velocity=(end - start) / a1.CONTROL_DT,
+            forward=forward,
+            speed=reward.forward_speed(forward, self.config.reward),
+            distance=straight if self.task.toward_goal else (end - start)[0],
             torque_squared=outcome.torque_squared,
             spheres=spheres.astype(jp.float32),
             contact=outcome.obstacle_contact.astype(bool),
+            passed=end[0] > before.episode.first_obstacle,
             dropped=outcome.dropped.astype(jp.float32),
+            action=command,
+            last_action=before.episode.last_action,
             action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), 4)) ** 2),
             up=1 - 2 * (x * x + y * y),
             height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
+            qpos=after.physics.qpos,
+            qvel=after.physics.qvel,
+            finite=finite,
         )
 
     def _result(
-        self,
-        state: State,
-        world: World,
-        outcome: Outcome,
-        facts: reward.StepFacts,
-        finite: jax.Array,
-        command: jax.Array,
-        key: jax.Array,
+        self, state: State, world: World, outcome: Outcome, inputs: reward.RewardInputs, key: jax.Array
     ) -> State:
-        terms = reward.rewards(facts, self.config.reward)
+        terms = reward.rewards(inputs, self.config.reward)
         now = obs_lib.sense(outcome, world.randomization.latency)
-        now |= {"displacement": facts.displacement, "last_action": command}
+        now |= {"displacement": inputs.displacement, "last_action": inputs.action}
         episode = replace(
             world.episode,
             step=world.episode.step + 1,
-            last_action=command,
+            last_action=inputs.action,
             history=obs_lib.push(world.episode.history, now),
         )
-        ended = reward.terminated(facts, self.config.termination) | ~finite
+        ended = reward.terminated(inputs, self.config.termination) | ~inputs.finite
         truncated = (episode.step >= self.config.horizon) & ~ended
         # What a wrapper keeps among the metrics and in the info stays there.
         return state.replace(
             pipeline_state=replace(world, episode=episode),
             reward=sum(terms.values()),
             done=(ended | truncated).astype(jp.float32),
-            metrics=state.metrics | self._metrics(state.pipeline_state, world, facts, terms, finite),
+            metrics=state.metrics | metrics.measure(inputs, terms),
             info=state.info | {"key": key, "truncation": truncated.astype(jp.float32)},
         )
-
-    def _metrics(
-        self,
-        before: World,
-        after: World,
-        facts: reward.StepFacts,
-        terms: dict[str, jax.Array],
-        finite: jax.Array,
-    ) -> dict[str, jax.Array]:
-        """This step's increments: summed over an episode they are the episode's metrics."""
-        start, end = before.episode.start, after.physics.qpos[:3]
-        straight = jp.linalg.norm(end - start) - jp.linalg.norm(before.physics.qpos[:3] - start)
-        contact = facts.contact.astype(jp.float32)
-        passed = end[0] > before.episode.first_obstacle
-        return {
-            "distance": straight if self.task.toward_goal else facts.displacement[0],
-            "progress": facts.forward,
-            "speed": facts.forward / a1.CONTROL_DT,
-            "collisions": contact * passed,
-            "contacts": contact,
-            "contacts/dropped": facts.dropped,
-            "spheres": facts.spheres,
-            "nonfinite": 1.0 - finite.astype(jp.float32),
-        } | {f"reward/{name}": value for name, value in terms.items()}
-
-    def _no_metrics(self, world: World) -> dict[str, jax.Array]:
-        """What :meth:`_metrics` returns, all zeros: the metrics before the first step."""
-        facts = reward.nothing()
-        terms = reward.rewards(facts, self.config.reward)
-        return jax.tree.map(jp.zeros_like, self._metrics(world, world, facts, terms, jp.array(True)))
 
 
 def _all_finite(tree: Any) -> jax.Array:

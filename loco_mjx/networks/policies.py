@@ -1,7 +1,7 @@
 """The policies: Flax modules from observations to an action's Gaussian and a value.
 
 Policy and value share the encoders of state and depth; transformers and heads are separate.
-A new policy is one module here and one entry in ``POLICIES``.
+A new policy is one module under :func:`register_policy`, here or in a module of the user's.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar, overload
 
 import flax.linen as nn
 import jax
@@ -18,9 +18,9 @@ from flax import struct
 
 from loco_mjx import ranges
 from loco_mjx.config import NetworkConfig
-from loco_mjx.errors import UnknownNameError
 from loco_mjx.networks.encoders import MLP, PROJECTION_INIT, DepthEncoder, Head, VisualTokens
 from loco_mjx.networks.transformer import Transformer
+from loco_mjx.registry import Registry, caller
 
 Observation = Mapping[str, jax.Array]
 Params = Any
@@ -93,7 +93,7 @@ def _both(obs: Observation) -> jax.Array:
     return jp.concatenate([obs[STATE], obs[PRIVILEGED]], axis=-1)
 
 
-def _outputs(
+def heads(
     module: Any,
     hidden: tuple[int, ...],
     policy: jax.Array,
@@ -104,7 +104,7 @@ def _outputs(
     """Heads of policy and value on their features; called inside a compact module, which owns them.
 
     Args:
-        module: the policy's.
+        module: the policy's, with `config` and `actions`.
         hidden: width of the heads' hidden layers.
         policy: features of the policy.
         value: makes those of the value; not called where a privileged critic takes its place.
@@ -141,7 +141,7 @@ class LocoTransformer(nn.Module):
         tokens = jp.concatenate([body[..., None, :], visual], axis=-2)  # (..., 1 + N·N, C)
         policy, attention = self._branch("policy", tokens)
         attention = None if attention is None else attention[..., 0, 1:]  # (..., N·N)
-        return _outputs(self, config.hidden, policy, lambda: self._branch("value", tokens)[0], obs, attention)
+        return heads(self, config.hidden, policy, lambda: self._branch("value", tokens)[0], obs, attention)
 
     def _branch(self, name: str, tokens: jax.Array) -> tuple[jax.Array, jax.Array | None]:
         transformer = Transformer(self.config.layers, self.config.mlp_dim, name=f"{name}_transformer")
@@ -171,7 +171,7 @@ class DepthOnly(nn.Module):
         def branch(name: str) -> jax.Array:
             return Transformer(config.layers, config.mlp_dim, name=f"{name}_transformer")(tokens)[0].mean(-2)
 
-        return _outputs(self, config.hidden, branch("policy"), lambda: branch("value"), obs)
+        return heads(self, config.hidden, branch("policy"), lambda: branch("value"), obs)
 
 
 def _visual_vector(depth: jax.Array, width: int) -> jax.Array:
@@ -199,7 +199,7 @@ class StateDepthConcat(nn.Module):
         body = MLP(hidden, name="state_encoder")(obs[STATE])
         visual = _visual_vector(obs[DEPTH], hidden[-1])
         features = jp.concatenate([visual, body], axis=-1)
-        return _outputs(self, hidden, features, lambda: features, obs)
+        return heads(self, hidden, features, lambda: features, obs)
 
 
 class Hierarchical(nn.Module):
@@ -225,7 +225,7 @@ class Hierarchical(nn.Module):
         command = nn.tanh(nn.Dense(config.latent_dim, kernel_init=PROJECTION_INIT, name="policy_command")(visual))
         body = MLP(config.hidden, name="state_encoder")(obs[STATE])
         low = jp.concatenate([body, command], axis=-1)
-        return _outputs(self, config.hidden, low, lambda: jp.concatenate([visual, body], axis=-1), obs)
+        return heads(self, config.hidden, low, lambda: jp.concatenate([visual, body], axis=-1), obs)
 
 
 class StateOnly(nn.Module):
@@ -245,7 +245,7 @@ class StateOnly(nn.Module):
         hidden = self.config.state_only_hidden
         shared = len(hidden) // 2
         features = MLP(hidden[:shared], name="state_encoder")(self.senses(obs))
-        return _outputs(self, hidden[shared:], features, lambda: features, obs)
+        return heads(self, hidden[shared:], features, lambda: features, obs)
 
     def senses(self, obs: Observation) -> jax.Array:
         """What it reads, (..., n)."""
@@ -279,14 +279,70 @@ class Policy:
     uses_privileged: bool = False
 
 
-POLICIES: dict[str, Policy] = {
-    "loco-transformer": Policy(LocoTransformer),
-    "state-only": Policy(StateOnly, uses_depth=False),
-    "depth-only": Policy(DepthOnly, uses_state=False),
-    "state-depth-concat": Policy(StateDepthConcat),
-    "hrl": Policy(Hierarchical, holds=True),
-    "privileged": Policy(Privileged, uses_depth=False, uses_privileged=True),
-}
+Build = TypeVar("Build", bound=Callable[[NetworkConfig, int], nn.Module])
+POLICIES: Registry[Policy] = Registry("policy")
+
+
+@overload
+def register_policy(
+    name: str, *, uses_state: bool = True, uses_depth: bool = True, holds: bool = False, uses_privileged: bool = False
+) -> Callable[[Build], Build]: ...
+
+
+@overload
+def register_policy(
+    name: str,
+    build: Build,
+    *,
+    uses_state: bool = True,
+    uses_depth: bool = True,
+    holds: bool = False,
+    uses_privileged: bool = False,
+) -> Build: ...
+
+
+def register_policy(
+    name: str,
+    build: Any = None,
+    *,
+    uses_state: bool = True,
+    uses_depth: bool = True,
+    holds: bool = False,
+    uses_privileged: bool = False,
+) -> Any:
+    """Adds a policy: as a decorator of its module's class, or called with what makes the module.
+
+    ``@register_policy("mine", uses_depth=False)`` above ``class Mine(nn.Module)`` with the attributes ``config`` and
+    ``actions``, whose ``__call__`` takes observations with any leading axes and returns :class:`Outputs`;
+    :func:`heads` makes them from features. Parameters that only the value depends on have names that begin with
+    ``value_``: optimisers and exports tell them by it.
+
+    Args:
+        name: of letters, digits, `.`, `_` and `-`.
+        build: module from (NetworkConfig, size of the action).
+        uses_state: see :class:`Policy`, as for the others.
+        uses_depth: without it nothing is rendered.
+        holds: whether depth is held for `network.hold` control steps.
+        uses_privileged: whether it reads what only a simulator knows.
+
+    Raises:
+        UserError: if the name is taken or no name.
+    """
+    origin = caller()
+
+    def register(build: Any) -> Any:
+        POLICIES.register(name, Policy(build, uses_state, uses_depth, holds, uses_privileged), origin)
+        return build
+
+    return register if build is None else register(build)
+
+
+register_policy("loco-transformer", LocoTransformer)
+register_policy("state-only", StateOnly, uses_depth=False)
+register_policy("depth-only", DepthOnly, uses_state=False)
+register_policy("state-depth-concat", StateDepthConcat)
+register_policy("hrl", Hierarchical, holds=True)
+register_policy("privileged", Privileged, uses_depth=False, uses_privileged=True)
 
 
 @dataclass(frozen=True)
@@ -323,10 +379,8 @@ def make_networks(policy: str, config: NetworkConfig, action_size: int) -> Netwo
         UnknownNameError: if there is no policy of that name.
         UserError: if a size is not one the networks can be built with.
     """
-    if policy not in POLICIES:
-        raise UnknownNameError("policy", policy, POLICIES)
+    entry = POLICIES.find(policy)
     ranges.check(config, "network")
-    entry = POLICIES[policy]
     hold = config.hold if entry.holds else 1
     knows = entry.uses_privileged or config.critic == "privileged"
     return Networks(entry.build(config, action_size), entry.uses_state, entry.uses_depth, hold, knows)

@@ -27,9 +27,9 @@ from typing import Any
 
 import jax
 
-from loco_mjx.config import Config, flatten, to_dict
+from loco_mjx.config import Config, flatten, from_dict, to_dict
 from loco_mjx.errors import FULL, UserError, unwritable
-from loco_mjx.run.directory import EXTENDABLE, open_new, read_json, write_json
+from loco_mjx.run.directory import ABSENT, EXTENDABLE, NOTED, compared, open_new, read_json, write_json
 
 CHECKPOINTS, STATE, POLICY, CURVES, MANIFEST = "checkpoints", "state", "policy", "curves.csv", "manifest.json"
 KEEP = 2
@@ -160,7 +160,7 @@ def restore(
         if problem is None:
             if problems:
                 say(f"{'; '.join(problems)}; going on from the one before it, at {step:,} samples")
-            _check_config(checkpoint, config)
+            check_config(checkpoint, config)
             return _read_tree(checkpoint / item, template), step
         problems.append(problem)
     if not problems:
@@ -211,15 +211,21 @@ def _checksum(manifest: dict[str, Any]) -> int:
     return zlib.crc32(json.dumps(manifest, sort_keys=True).encode())
 
 
-def _check_config(checkpoint: Path, config: Config) -> None:
+def check_config(checkpoint: Path, config: Config) -> None:
+    """Refuses a checkpoint of another configuration; only the total number of samples may differ.
+
+    Raises:
+        UserError: naming the first key that differs, with both values.
+    """
     # A key that an older version did not have was at what is now its default.
-    saved = flatten(to_dict(Config())) | flatten(read_json(checkpoint / MANIFEST)["config"])
-    wanted = flatten(to_dict(config))
-    for key in sorted(saved.keys() | wanted.keys()):
-        if key != EXTENDABLE and saved.get(key) != wanted.get(key):
+    saved = flatten(to_dict(from_dict(Config, {}))) | flatten(read_json(checkpoint / MANIFEST)["config"])
+    wanted = compared(config)
+    for key in sorted((saved.keys() | wanted.keys()) - {NOTED, EXTENDABLE}):
+        its, own = saved.get(key, ABSENT), wanted.get(key, ABSENT)
+        if its != own:
             raise UserError(
-                f"checkpoint {checkpoint} is of another configuration: its {key} is {saved.get(key)}, the run's "
-                f"{wanted.get(key)}; remove it, or put back the run it belongs to"
+                f"checkpoint {checkpoint} is of another configuration: its {key} is {its}, the run's {own}; remove it, "
+                "or put back the run it belongs to"
             )
 
 

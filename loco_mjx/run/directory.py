@@ -23,6 +23,8 @@ from loco_mjx.errors import UserError, unwritable
 
 CONFIG, INFO, LOCK, PARTIAL = "config.json", "info.json", "lock", ".partial"
 EXTENDABLE = "ppo.total_steps"
+NOTED = "imports"  # modules may be named in several ways
+ABSENT = 0.0  # the weight of a registered term of the reward that a configuration does not name
 TEACHER = "teacher"  # the folder of a teacher's run, in that of the run that learns from it
 _BEFORE_CONFIG = (LOCK, INFO, INFO + PARTIAL, CONFIG + PARTIAL, TEACHER)  # a teacher trains before its run
 
@@ -118,16 +120,22 @@ def reconcile(directory: Path, found: Config, wanted: Config) -> None:
     Raises:
         UserError: naming the first key that differs, with both values.
     """
-    flat_found, flat_wanted = flatten(to_dict(found)), flatten(to_dict(wanted))
+    flat_found, flat_wanted = compared(found), compared(wanted)
     decays = found.ppo.learning_rate_decay or (found.method == "distill" and found.distill.learning_rate_decay)
-    for key, value in flat_found.items():
-        if value == flat_wanted[key] or (key == EXTENDABLE and not decays):
+    for key in {**flat_found, **flat_wanted}:
+        value, asked = (flat.get(key, ABSENT) for flat in (flat_found, flat_wanted))
+        if value == asked or (key == EXTENDABLE and not decays):
             continue
         why = " (its learning rate decays over them)" if key == EXTENDABLE else ""
         raise UserError(
             f"{directory} holds another run: its {key} is {json.dumps(value)}{why}, asked for "
-            f"{json.dumps(flat_wanted[key])}; use the same options to resume it, or another --out"
+            f"{json.dumps(asked)}; use the same options to resume it, or another --out"
         )
+
+
+def compared(config: Config) -> dict[str, Any]:
+    """A configuration on one level, without what it only notes; a term of the reward may be ABSENT."""
+    return {key: value for key, value in flatten(to_dict(config)).items() if key != NOTED}
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import Networks, make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.actor import Actor
-from loco_mjx.run import checkpoint, directory
+from loco_mjx.run import checkpoint, directory, needs
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,7 @@ def load_policy(path: Path) -> TrainedPolicy:
         UserError: if there is no run, no checkpoint yet, or none that can be read.
     """
     config = directory.load_config(path)
+    needs.check(config, path)
     networks = make_networks(config.policy, config.network, config.env.action.size)
     template = _template(config, networks)
     restored = checkpoint.restore(path, template, config, _to_stderr, checkpoint.POLICY)

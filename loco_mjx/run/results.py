@@ -11,13 +11,13 @@ import numpy as np
 
 from loco_mjx.config import Config, flatten, to_dict
 from loco_mjx.errors import UserError
-from loco_mjx.run.directory import CONFIG, INFO, TEACHER, load_config, read_json
+from loco_mjx.run.directory import ABSENT, CONFIG, INFO, TEACHER, load_config, read_json
 from loco_mjx.run.variant import METHOD_KEYS, Variant, default_keys
 
 # Packages that what a robot does depends on.
 COMPARED = ("loco-mjx", "mujoco", "mujoco-mjx", "jax")
 # Keys in which runs of one method may differ.
-FREE_KEYS = ("seed", "ppo.total_steps")
+FREE_KEYS = ("seed", "ppo.total_steps", "imports")
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,11 +184,14 @@ def check_same_method(runs: Sequence[Run], label: str) -> None:
     first = runs[0]
     for run in runs:
         twin = seeds.setdefault(run.config.seed, run)
-        key = next((key for key, value in first.flat.items() if key not in FREE_KEYS and run.flat[key] != value), None)
-        if key is not None:
+        keys = (key for key in {**first.flat, **run.flat} if key not in FREE_KEYS)
+        values = ((key, first.flat.get(key, ABSENT), run.flat.get(key, ABSENT)) for key in keys)
+        differs = next(((key, one, other) for key, one, other in values if one != other), None)
+        if differs is not None:
+            key, one, other = differs
             raise UserError(
-                f"{label} was trained in two ways: {key} is {first.flat[key]} in {first.path}, {run.flat[key]} in "
-                f"{run.path}; give a directory that holds one of them"
+                f"{label} was trained in two ways: {key} is {one} in {first.path}, {other} in {run.path}; give a "
+                "directory that holds one of them"
             )
         if twin is not run:
             raise UserError(

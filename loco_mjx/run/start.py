@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from rich.console import Console
 
 from loco_mjx.config import Config, teacher_of, to_dict
 from loco_mjx.errors import UserError
-from loco_mjx.run import checkpoint, directory, loop, multihost, provenance, settings
+from loco_mjx.run import checkpoint, directory, loop, multihost, needs, provenance, settings
 from loco_mjx.run.progress import Reporter
 from loco_mjx.run.run_log import Run, common_step
 from loco_mjx.run.summary import print_summary
@@ -87,6 +88,7 @@ def train(
     Raises:
         UserError: if they cannot start; nothing is written then.
     """
+    runs = [dataclasses.replace(run, config=needs.with_imports(run.config)) for run in runs]
     for run in runs:
         found = directory.find(run.directory)
         if found is not None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from loco_mjx.config import Config
+from loco_mjx.config import Config, to_dict
 
 
 def print_summary(
@@ -55,7 +54,7 @@ def observations(config: Config) -> list[tuple[str, str]]:
 
 def rewards(config: Config) -> list[tuple[str, str]]:
     """Every reward term with a weight, and its weight."""
-    weights = dataclasses.asdict(config.env.reward)
+    weights = to_dict(config.env.reward)
     target = weights.pop("target_speed")
     rows = [(name, f"{weight:g}") for name, weight in weights.items() if weight]
     return rows + ([("cap on the forward speed", f"{target:g} m/s")] if target is not None else [])

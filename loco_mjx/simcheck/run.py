@@ -22,7 +22,7 @@ from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import Figures, Tally, evaluation_config, figures
 from loco_mjx.mesh import dividing, make_mesh
-from loco_mjx.run import provenance
+from loco_mjx.run import needs, provenance
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.simcheck.replay import Recorder, Replayed, replay
 from loco_mjx.simcheck.sides import CSide, MjxSide, start
@@ -79,7 +79,9 @@ def simcheck(
         raise UserError(f"episodes is {episodes}; accepted: 1 or more")
     manifest = folder.read(policy)
     session = Session(manifest, policy)
-    config = evaluation_config(config_lib.from_dict(config_lib.Config, manifest.raw["config"]).env, task)
+    trained = config_lib.from_dict(config_lib.Config, manifest.raw["config"])
+    needs.check(trained, policy)
+    config = evaluation_config(trained.env, task)
     if solver is not None:
         physics = dataclasses.replace(config.physics, iterations=solver[0], ls_iterations=solver[1])
         config = dataclasses.replace(config, physics=physics)

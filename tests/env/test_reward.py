@@ -5,25 +5,44 @@ import dataclasses
 import jax.numpy as jp
 import pytest
 
-from loco_mjx.config import RewardConfig, TerminationConfig
-from loco_mjx.env.reward import StepFacts, forward_displacement, rewards, terminated
+from loco_mjx import ranges
+from loco_mjx.config import Config, EnvConfig, RewardConfig, TerminationConfig, from_dict, to_dict
+from loco_mjx.config.reward_terms import REWARDS
+from loco_mjx.env.reward import (
+    RewardInputs,
+    forward_displacement,
+    forward_speed,
+    register_reward,
+    rewards,
+    terminated,
+)
+from loco_mjx.errors import UserError
 
-FACTS = StepFacts(
+STEP = RewardInputs(
     displacement=jp.array([0.02, -0.01, 0.004]),
+    velocity=jp.array([0.5, -0.25, 0.1]),
     forward=jp.array(0.02),
+    speed=jp.array(0.5),
+    distance=jp.array(0.02),
     torque_squared=jp.array(80.0),
     spheres=jp.array(2.0),
-    dropped=jp.zeros(()),
     contact=jp.array(True),
+    passed=jp.array(True),
+    dropped=jp.zeros(()),
+    action=jp.zeros(12),
+    last_action=jp.zeros(12),
     action_change=jp.array(0.25),
     up=jp.array(0.9),
     height=jp.array(0.25),
+    qpos=jp.zeros(19),
+    qvel=jp.zeros(18).at[6:].set(2.0),
+    finite=jp.array(True),
 )
 
 
 def test_the_papers_terms_at_their_weights():
-    terms = rewards(FACTS, RewardConfig())
-    assert terms["forward"] == pytest.approx(0.5)  # 0.02 m / 0.04 s
+    terms = rewards(STEP, RewardConfig())
+    assert terms["forward"] == pytest.approx(0.5)  # m/s
     assert terms["energy"] == pytest.approx(-0.005 * 0.0025 * 80)  # −0.001
     assert terms["alive"] == pytest.approx(0.1)
     assert terms["sphere"] == pytest.approx(200.0)
@@ -31,7 +50,7 @@ def test_the_papers_terms_at_their_weights():
 
 
 def test_the_further_terms_when_weighted():
-    terms = rewards(FACTS, RewardConfig(vertical_speed=2.0, collision=3.0, action_rate=4.0, energy=0.005))
+    terms = rewards(STEP, RewardConfig(vertical_speed=2.0, collision=3.0, action_rate=4.0, energy=0.005))
     assert terms["vertical_speed"] == pytest.approx(-2.0 * 0.1**2)
     assert terms["collision"] == pytest.approx(-3.0)
     assert terms["action_rate"] == pytest.approx(-1.0)
@@ -40,8 +59,7 @@ def test_the_further_terms_when_weighted():
 
 @pytest.mark.parametrize(("forward", "target", "expected"), [(0.08, 1.0, 1.0), (0.08, None, 2.0), (-0.08, 1.0, -2.0)])
 def test_forward_speed_is_capped_above_only(forward, target, expected):
-    facts = dataclasses.replace(FACTS, forward=jp.array(forward))
-    assert rewards(facts, RewardConfig(target_speed=target))["forward"] == pytest.approx(expected)
+    assert forward_speed(jp.array(forward), RewardConfig(target_speed=target)) == pytest.approx(expected)
 
 
 def test_forward_is_plus_x_or_three_dimensional_progress_to_the_goal():
@@ -57,5 +75,57 @@ def test_forward_is_plus_x_or_three_dimensional_progress_to_the_goal():
     [(0.9, 0.25, False, False), (0.59, 0.25, False, True), (0.9, 0.149, False, True), (0.9, 0.25, True, True)],
 )
 def test_termination_by_tilt_height_and_on_request_collision(up, height, on_collision, ends):
-    facts = dataclasses.replace(FACTS, up=jp.array(up), height=jp.array(height))
-    assert bool(terminated(facts, TerminationConfig(on_collision=on_collision))) is ends
+    step = dataclasses.replace(STEP, up=jp.array(up), height=jp.array(height))
+    assert bool(terminated(step, TerminationConfig(on_collision=on_collision))) is ends
+
+
+@pytest.fixture
+def smooth():
+    register_reward("smooth", lambda step: -jp.sum(step.qvel[6:] ** 2), weight=0.01)
+    yield "smooth"
+    REWARDS.unregister("smooth")
+
+
+def test_a_registered_term_has_its_default_weight_until_the_configuration_says_another(smooth):
+    assert RewardConfig().terms == {"smooth": 0.01}
+    assert rewards(STEP, RewardConfig())["smooth"] == pytest.approx(-0.01 * 12 * 4.0)
+    assert rewards(STEP, RewardConfig(terms={"smooth": 0.5}))["smooth"] == pytest.approx(-0.5 * 12 * 4.0)
+
+
+def test_a_term_without_weight_is_not_computed(smooth):
+    def never(step):
+        raise AssertionError
+
+    register_reward("never", never, weight=0.0)
+    try:
+        assert "never" not in rewards(STEP, RewardConfig())
+        assert "smooth" not in rewards(STEP, RewardConfig(terms={}))
+    finally:
+        REWARDS.unregister("never")
+
+
+def test_a_configuration_that_was_written_before_a_term_was_registered_is_without_it(smooth):
+    before = to_dict(Config())
+    del before["env"]["reward"]["smooth"]
+    assert from_dict(Config, before).env.reward.terms == {}
+    assert from_dict(Config, {}).env.reward.terms == {}
+    assert to_dict(Config())["env"]["reward"]["smooth"] == 0.01
+    assert from_dict(Config, to_dict(Config())) == Config() and hash(Config())
+
+
+def test_what_is_no_term_is_refused(smooth):
+    with pytest.raises(UserError, match="unknown reward term 'smoth'"):
+        rewards(STEP, RewardConfig(terms={"smoth": 1.0}))
+    with pytest.raises(UserError, match="there is a reward term 'smooth' already"):
+        register_reward("smooth", lambda step: step.up)
+    for name, why in (("alive", "already"), ("target_speed", "already"), ("My-term", "is no name")):
+        with pytest.raises(UserError, match=why):
+            register_reward(name, lambda step: step.up)
+    with pytest.raises(UserError, match="smooth is nan; accepted: -10000 to 10000"):
+        ranges.check(Config(env=EnvConfig(reward=RewardConfig(terms={"smooth": float("nan")}))))
+    register_reward("wide", lambda step: step.qpos)
+    try:
+        with pytest.raises(UserError, match=r"'wide' has the shape \(19,\); accepted: \(\), one number"):
+            rewards(STEP, RewardConfig())
+    finally:
+        REWARDS.unregister("wide")
