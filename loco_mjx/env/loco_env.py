@@ -15,7 +15,7 @@ from loco_mjx.env import metrics, privileged, randomization, reward
 from loco_mjx.env import observation as obs_lib
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
-from loco_mjx.physics.step import Outcome, PhysicsState, control_step, initial_state
+from loco_mjx.physics.step import PhysicsState, SubstepTrace, control_step, initial_state
 from loco_mjx.robots import LEGS, NJOINT, get_robot
 from loco_mjx.scene import motion, pool, query, surface
 from loco_mjx.scene.tasks import get_task
@@ -121,7 +121,7 @@ class LocoEnv:
         return motion.move(motion.redraw(motion_key, world.scene, world.episode.step), self.dt)
 
     def conclude(
-        self, state: State, scene: Scene, physics: PhysicsState, outcome: Outcome, command: jax.Array
+        self, state: State, scene: Scene, physics: PhysicsState, outcome: SubstepTrace, command: jax.Array
     ) -> State:
         """Reward, termination and metrics of a control step, whoever computed its physics.
 
@@ -185,7 +185,7 @@ class LocoEnv:
         self,
         before: World,
         after: World,
-        outcome: Outcome,
+        outcome: SubstepTrace,
         spheres: jax.Array,
         command: jax.Array,
         finite: jax.Array,
@@ -218,7 +218,7 @@ class LocoEnv:
         )
 
     def _result(
-        self, state: State, world: World, outcome: Outcome, inputs: reward.RewardInputs, key: jax.Array
+        self, state: State, world: World, outcome: SubstepTrace, inputs: reward.RewardInputs, key: jax.Array
     ) -> State:
         terms = reward.rewards(inputs, self.config.reward)
         now = obs_lib.sense(outcome, world.randomization.latency, self.robot.physics_dt)

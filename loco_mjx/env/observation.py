@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jp
 
 from loco_mjx.config import ObservationConfig
-from loco_mjx.physics.step import Outcome
+from loco_mjx.physics.step import SubstepTrace
 from loco_mjx.robots import NJOINT, Robot
 
 # The sensors of one proprioceptive frame, in the order of the `state` vector, with their sizes per frame.
@@ -35,7 +35,7 @@ def delayed(trace: jax.Array, latency: jax.Array, timestep: float) -> jax.Array:
     return (1 - part) * trace[below] + part * trace[jp.minimum(below + 1, last)]
 
 
-def sense(outcome: Outcome, latency: jax.Array, timestep: float) -> dict[str, jax.Array]:
+def sense(outcome: SubstepTrace, latency: jax.Array, timestep: float) -> dict[str, jax.Array]:
     """The IMU (4,) [roll, pitch, roll rate, pitch rate (body frame)] and the joint angles (12,), delayed."""
     quat = delayed(outcome.quat, latency, timestep)
     quat = quat / jp.maximum(jp.linalg.norm(quat), 1e-6)

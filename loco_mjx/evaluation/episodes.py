@@ -16,10 +16,10 @@ from loco_mjx.config import EnvConfig
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.display import PER_METRE
-from loco_mjx.mesh import AXIS, spread
 from loco_mjx.networks import hold
 from loco_mjx.networks.policies import DEPTH, Networks
 from loco_mjx.ppo.actor import make_inference
+from loco_mjx.sharding import AXIS, spread
 
 CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
 ACCELERATOR_CHUNK = 1024

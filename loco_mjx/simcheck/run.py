@@ -20,9 +20,9 @@ from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import Figures, evaluation_config, figures
-from loco_mjx.mesh import dividing, make_mesh
 from loco_mjx.run import needs, provenance
 from loco_mjx.scene.tasks import get_task
+from loco_mjx.sharding import dividing, make_mesh
 from loco_mjx.simcheck.replay import Recorder, Replayed, replay
 from loco_mjx.simcheck.sides import CSide, MjxSide, start
 

@@ -23,11 +23,11 @@ from loco_mjx.deploy.mujoco_robot import HIDDEN_GROUP, SEEN_GROUP, MujocoRobot
 from loco_mjx.deploy.observer import Observer
 from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.env.state import State
-from loco_mjx.mesh import AXIS, spread
-from loco_mjx.physics.step import Outcome, PhysicsState
+from loco_mjx.physics.step import PhysicsState, SubstepTrace
 from loco_mjx.robots import LEGS, NJOINT
 from loco_mjx.scene import mjcf
 from loco_mjx.scene.types import Scene
+from loco_mjx.sharding import AXIS, spread
 
 Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 KEYS = {STATE: "state", DEPTH: "pixels/depth"}
@@ -170,7 +170,7 @@ class CSide:
         for _ in range(self._env.robot.substeps):
             robot.command(self._targets[i], self._manifest.kp, self._manifest.kd)
 
-    def _measured(self) -> tuple[PhysicsState, Outcome]:
+    def _measured(self) -> tuple[PhysicsState, SubstepTrace]:
         """What the physics would say of this step; its traces are the last moment's, whose history nobody reads."""
         qpos = jp.asarray(np.array([robot.data.qpos for robot in self.robots]), jp.float32)
         qvel = jp.asarray(np.array([robot.data.qvel for robot in self.robots]), jp.float32)
@@ -179,7 +179,7 @@ class CSide:
         squared = jp.asarray([robot.torque_squared / substeps for robot in self.robots], jp.float32)
         contact = jp.asarray([robot.contact for robot in self.robots])
         dropped = jp.zeros(len(self.robots), jp.int32)  # C feels everything
-        return PhysicsState(qpos, qvel, jp.zeros_like(qvel)), Outcome(squared, contact, dropped, *trace)
+        return PhysicsState(qpos, qvel, jp.zeros_like(qvel)), SubstepTrace(squared, contact, dropped, *trace)
 
 
 def one(tree: Any, i: int | np.integer) -> Any:
