@@ -18,7 +18,6 @@ from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
 from loco_mjx.networks.policies import STATE as STATE_KEY
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.ppo.actor import make_inference
 from loco_mjx.robots import LEGS, get_robot
 from loco_mjx.run import provenance
 from loco_mjx.run.directory import read_json, write_json
@@ -101,7 +100,7 @@ def inputs(policy: TrainedPolicy) -> dict[str, tuple[int, ...]]:
 
 def target_function(policy: TrainedPolicy) -> Callable[..., jax.Array]:
     """The policy in JAX: (..., n) `state` and (..., H, W, frames) `depth`, as read, to (..., 12) targets in rad."""
-    act = make_inference(policy.networks, policy.params, policy.normalizer)
+    actor = policy.actor()
     names = tuple(inputs(policy))
     size, robot = policy.config.env.observation.state_size, get_robot(policy.config.env.robot)
 
@@ -109,7 +108,7 @@ def target_function(policy: TrainedPolicy) -> Callable[..., jax.Array]:
         obs = {KEYS[name]: array for name, array in zip(names, arrays, strict=True)}
         if STATE_KEY not in obs:  # whoever reads depth alone
             obs[STATE_KEY] = jp.zeros((*obs[DEPTH_KEY].shape[:-3], size))
-        action = act(obs, jax.random.PRNGKey(0))
+        action, _ = actor.act(obs)
         if policy.config.env.action.diagonal:
             right, left = action[..., :3], action[..., 3:]
             action = jp.concatenate([right, left, left, right], axis=-1)

@@ -16,6 +16,7 @@ from loco_mjx.env import privileged
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import Networks, make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.ppo.actor import Actor
 from loco_mjx.run import checkpoint, directory, needs
 
 
@@ -36,6 +37,10 @@ class TrainedPolicy:
     params: Any
     normalizer: normalizer_lib.Normalizer
     samples: int
+
+    def actor(self, deterministic: bool = True) -> Actor:
+        """The policy acting, by its mean or by drawing from its Gaussian."""
+        return Actor(self.networks, self.params, self.normalizer, deterministic)
 
 
 def load_policy(path: Path) -> TrainedPolicy:
