@@ -16,7 +16,7 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx.bench.timing import seconds_per_call
 from loco_mjx.config import DepthConfig
-from loco_mjx.depth import reference
+from loco_mjx.depth import c_mujoco
 from loco_mjx.depth.render import render
 from loco_mjx.robots import DEFAULT, Robot, get_robot
 from loco_mjx.scene.mjcf import scene_spec
@@ -99,7 +99,7 @@ def _peer(robot: Robot, scenes: Scene, poses: jax.Array, threads: int, seconds: 
         frames = 0
         while frames == 0 or time.monotonic() - begin < seconds:
             model, state, pose = views[(thread + frames * threads) % count]
-            reference.cast(model, state, pose, robot.camera, DepthConfig())
+            c_mujoco.cast(model, state, pose, robot.camera, DepthConfig())
             frames += 1
         return frames
 

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jp
 
+from loco_mjx import rotations
 from loco_mjx.config import EnvConfig
 from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
@@ -191,7 +192,6 @@ class LocoEnv:
         finite: jax.Array,
     ) -> reward.RewardInputs:
         start, end, origin = before.physics.qpos[:3], after.physics.qpos[:3], before.episode.start
-        _, x, y, _ = after.physics.qpos[3:7]
         forward = reward.forward_displacement(start, end, after.scene.goal, self.task.toward_goal)
         change = command - before.episode.last_action
         straight = jp.linalg.norm(end - origin) - jp.linalg.norm(start - origin)
@@ -210,7 +210,7 @@ class LocoEnv:
             action=command,
             last_action=before.episode.last_action,
             action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), len(LEGS))) ** 2),
-            up=1 - 2 * (x * x + y * y),
+            up=rotations.upright(after.physics.qpos[3:7]),
             height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
             qpos=after.physics.qpos,
             qvel=after.physics.qvel,
