@@ -18,7 +18,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
 from loco_mjx.networks.policies import STATE as STATE_KEY
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.robots import LEGS, get_robot
+from loco_mjx.robots import LEGS, ROBOTS, get_robot, is_path
 from loco_mjx.run import provenance
 from loco_mjx.run.directory import read_json, write_json
 from loco_mjx.run.policy import TrainedPolicy, observation_shapes
@@ -59,6 +59,9 @@ def write(
     """
     contents = {folder.ONNX: onnx_model(policy).SerializeToString()}
     contents |= {} if lean else {folder.STABLEHLO: stablehlo(policy)}
+    robot = policy.config.env.robot
+    if is_path(robot) or ROBOTS.origin(robot) is not None:  # where the policy goes, it may not be known
+        contents[folder.ROBOT] = get_robot(robot).path.read_bytes()
     arrays = raw_parameters(policy)
     kept = {name: array for name, array in arrays.items() if not (lean and name.startswith(trained.CRITIC_ONLY))}
     try:
@@ -79,7 +82,7 @@ def write(
 def _check_out(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise UserError(f"{out} is a file; choose a folder for --out")
-    known = {folder.MANIFEST, folder.ONNX, folder.PARAMETERS, folder.STABLEHLO}
+    known = {folder.MANIFEST, folder.ONNX, folder.PARAMETERS, folder.STABLEHLO, folder.ROBOT}
     foreign = sorted(entry.name for entry in out.iterdir() if entry.name not in known) if out.exists() else []
     if foreign:
         raise UserError(f"{out} holds '{foreign[0]}', which is no part of a policy; choose a new folder for --out")

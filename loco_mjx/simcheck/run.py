@@ -80,6 +80,7 @@ def simcheck(
     manifest = folder.read(policy)
     session = Session(manifest, policy)
     trained = config_lib.from_dict(config_lib.Config, manifest.raw["config"])
+    trained = dataclasses.replace(trained, env=dataclasses.replace(trained.env, robot=manifest.body))
     needs.check(trained, policy)
     config = evaluation_config(trained.env, task)
     if solver is not None:
