@@ -12,6 +12,7 @@ if _typing.TYPE_CHECKING:
     from loco_mjx.env.reward import register_reward
     from loco_mjx.env.state import State
     from loco_mjx.networks.policies import register_policy
+    from loco_mjx.robots import register_robot
     from loco_mjx.run.machine import set_up
     from loco_mjx.scene.tasks import register_task
 
@@ -24,6 +25,7 @@ __all__ = [
     "make_env",
     "register_policy",
     "register_reward",
+    "register_robot",
     "register_task",
     "set_up",
     "wrap_for_brax",
@@ -37,6 +39,7 @@ _HOMES = {
     "make_env": "loco_mjx.env",
     "register_policy": "loco_mjx.networks.policies",
     "register_reward": "loco_mjx.env.reward",
+    "register_robot": "loco_mjx.robots",
     "register_task": "loco_mjx.scene.tasks",
     "set_up": "loco_mjx.run.machine",
     "wrap_for_brax": "loco_mjx.env.brax",

@@ -7,10 +7,13 @@ import typing
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal, Union
 
+from loco_mjx.config.presets import with_robot
 from loco_mjx.config.tree import Config
 from loco_mjx.config.written import from_dict, to_dict
 from loco_mjx.errors import UnknownNameError, UserError
 from loco_mjx.ranges import complaint, values
+
+ROBOT = "env.robot"
 
 
 def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -34,6 +37,9 @@ def with_keys(config: Config, changes: Iterable[tuple[str, str]]) -> Config:
     Raises:
         UserError: if there is no such key, it has two values, or a value is not accepted.
     """
+    changes = list(changes)
+    for robot in (value for key, value in changes if key == ROBOT):  # whose own gains the others may then change
+        config = with_robot(config, robot)
     tree, given = to_dict(config), dict[str, str]()
     hints = {path: hint for path, _, hint in values(config)}
     for key, text in changes:
