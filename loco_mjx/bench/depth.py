@@ -16,15 +16,15 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx.bench.timing import seconds_per_call
 from loco_mjx.config import DepthConfig
-from loco_mjx.depth import reference
+from loco_mjx.depth import c_mujoco
 from loco_mjx.depth.render import render
-from loco_mjx.mesh import AXIS, dividing, make_mesh, spread
 from loco_mjx.robots import DEFAULT, Robot, get_robot
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
+from loco_mjx.sharding import AXIS, dividing, make_mesh, spread
 
 COURSE = 20.0  # m, of tasks without a goal
 PEER_SCENES = 4  # per thread
@@ -99,7 +99,7 @@ def _peer(robot: Robot, scenes: Scene, poses: jax.Array, threads: int, seconds: 
         frames = 0
         while frames == 0 or time.monotonic() - begin < seconds:
             model, state, pose = views[(thread + frames * threads) % count]
-            reference.cast(model, state, pose, robot.camera, DepthConfig())
+            c_mujoco.cast(model, state, pose, robot.camera, DepthConfig())
             frames += 1
         return frames
 

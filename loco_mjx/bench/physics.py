@@ -16,7 +16,6 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx.bench.timing import Rolling, seconds_per_call
 from loco_mjx.config import PhysicsConfig
-from loco_mjx.mesh import AXIS, dividing, make_mesh, spread
 from loco_mjx.physics.model import PhysicsModel, build
 from loco_mjx.physics.step import PhysicsState, control_step, initial_state, nominal_dynamics
 from loco_mjx.robots import DEFAULT, NJOINT, Robot, get_robot
@@ -25,6 +24,7 @@ from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
+from loco_mjx.sharding import AXIS, dividing, make_mesh, spread
 
 WINDOW = 10  # control steps in a call
 PEER_SCENES = 8  # per thread

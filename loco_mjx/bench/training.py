@@ -14,11 +14,11 @@ from loco_mjx.bench.timing import Rolling, seconds_in_turn, seconds_per_call
 from loco_mjx.config import Config, preset
 from loco_mjx.env import LocoEnv, autoreset
 from loco_mjx.errors import UserError
-from loco_mjx.mesh import AXIS, make_mesh, spread
 from loco_mjx.ppo.multi_seed import SeedsTrainer
 from loco_mjx.ppo.trainer import Trainer
 from loco_mjx.robots import DEFAULT
 from loco_mjx.run import machine
+from loco_mjx.sharding import AXIS, make_mesh, spread
 
 WINDOW = 32  # control steps in one call of the environment's benchmark
 POOL = 64  # scenes to reset into

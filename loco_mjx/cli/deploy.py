@@ -89,8 +89,7 @@ def main(args: Sequence[str]) -> int:
 def simulated(options: Options, manifest: Manifest) -> MujocoRobot:
     """The policy's robot in C MuJoCo, in the scene that was asked for."""
     scene = options.scene
-    body = str(manifest.raw["config"]["env"].get("robot", DEFAULT))
-    model, between = generated(options.task, options.seed, body) if scene is None else from_file(scene)
+    model, between = generated(options.task, options.seed, manifest.body) if scene is None else from_file(scene)
     rates: dict[str, Any] = {"between": between, "policy_hz": manifest.policy_hz}
     return MujocoRobot(model, manifest.camera, options.imperfections, options.seed, **rates)
 

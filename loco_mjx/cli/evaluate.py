@@ -10,6 +10,7 @@ from typing import Any
 import tyro
 
 from loco_mjx import policies
+from loco_mjx.cli.options import Step
 from loco_mjx.cli.output import one_object
 from loco_mjx.cli.parse import parse
 from loco_mjx.ranges import COUNT, SEED
@@ -36,6 +37,8 @@ class Options:
     """Draw actions from the policy's Gaussian instead of taking its mean."""
     randomize: bool = False
     """Draw dynamics, latency and blind pixels for each episode."""
+    step: Step = None
+    """Which checkpoint of the run: the samples trained at it, or best by evaluation; None: the newest."""
     json: bool = False
     """Print one JSON object and nothing else."""
 
@@ -63,10 +66,10 @@ def main(args: Sequence[str]) -> int:
         }
         directory = policies.find(options.directory)
         if trained.is_exported(directory):  # a folder to be left as it is
-            result = report.evaluate_policy(trained.load(directory), str(options.directory), **how)
+            result = report.evaluate_policy(trained.load(directory, options.step), str(options.directory), **how)
             show(result, report.table(result))
             return 0
         module: Any = multi_seed if multi_seed.holds_seeds(directory) else report
-        result = module.evaluate(directory, **how)
+        result = module.evaluate(directory, **how, step=options.step)
         show(result, module.table(result))
     return 0

@@ -30,15 +30,16 @@ ENCODING = "(sqrt(ln(d + 1)) - code_offset) / code_scale"
 CODE_OFFSET, CODE_SCALE = 1.25, 0.425
 
 
-def describe(config: Config, inputs: Collection[str], hold: int) -> dict[str, Any]:
+def describe(config: Config, inputs: Collection[str], hold: int, robot: Robot | None = None) -> dict[str, Any]:
     """The part of the manifest that follows from the configuration, in JSON's types.
 
     Args:
         config: of the run.
         inputs: what the policy reads: `state`, `depth` or both.
         hold: ticks for which the depth that it is given is held.
+        robot: that of the configuration, if it is at hand already.
     """
-    env, robot = config.env, get_robot(config.env.robot)
+    env, robot = config.env, robot or get_robot(config.env.robot)
     observation, randomization, plain = env.observation, env.randomization, to_dict(config)
     parts = {STATE: _state(observation), DEPTH: _depth(observation.depth, robot)}
     described = {

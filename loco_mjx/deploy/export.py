@@ -18,8 +18,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
 from loco_mjx.networks.policies import STATE as STATE_KEY
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.ppo.actor import make_inference
-from loco_mjx.robots import LEGS, get_robot
+from loco_mjx.robots import LEGS, ROBOTS, get_robot, is_path
 from loco_mjx.run import provenance
 from loco_mjx.run.directory import read_json, write_json
 from loco_mjx.run.policy import TrainedPolicy, observation_shapes
@@ -28,12 +27,13 @@ PLATFORMS = ("cpu", "cuda", "tpu")  # the StableHLO artefact runs on
 KEYS = {STATE: STATE_KEY, DEPTH: DEPTH_KEY}  # the environment's name of each input
 
 
-def export(run: Path, out: Path) -> dict[str, Any]:
-    """Writes the newest policy of a run.
+def export(run: Path, out: Path, step: int | str | None = None) -> dict[str, Any]:
+    """Writes the policy of a run.
 
     Args:
         run: the run's directory, or the folder of a policy that was exported.
         out: folder to write; made if it does not exist.
+        step: which of the run's checkpoints, as for :func:`loco_mjx.run.policy.load_policy`.
 
     Returns:
         What ``policy.json`` holds.
@@ -44,7 +44,10 @@ def export(run: Path, out: Path) -> dict[str, Any]:
     _check_out(out)
     _check_onnx_installed()
     evaluation = latest_evaluation(run)
-    return write(trained.load(run), out, evaluation)
+    policy = trained.load(run, step)
+    if step is not None and evaluation is not None and evaluation["samples"] != policy.samples:
+        evaluation = None  # of another checkpoint
+    return write(policy, out, evaluation)
 
 
 def write(
@@ -56,6 +59,9 @@ def write(
     """
     contents = {folder.ONNX: onnx_model(policy).SerializeToString()}
     contents |= {} if lean else {folder.STABLEHLO: stablehlo(policy)}
+    robot = policy.config.env.robot
+    if is_path(robot) or ROBOTS.origin(robot) is not None:  # where the policy goes, it may not be known
+        contents[folder.ROBOT] = get_robot(robot).path.read_bytes()
     arrays = raw_parameters(policy)
     kept = {name: array for name, array in arrays.items() if not (lean and name.startswith(trained.CRITIC_ONLY))}
     try:
@@ -76,7 +82,7 @@ def write(
 def _check_out(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise UserError(f"{out} is a file; choose a folder for --out")
-    known = {folder.MANIFEST, folder.ONNX, folder.PARAMETERS, folder.STABLEHLO}
+    known = {folder.MANIFEST, folder.ONNX, folder.PARAMETERS, folder.STABLEHLO, folder.ROBOT}
     foreign = sorted(entry.name for entry in out.iterdir() if entry.name not in known) if out.exists() else []
     if foreign:
         raise UserError(f"{out} holds '{foreign[0]}', which is no part of a policy; choose a new folder for --out")
@@ -101,7 +107,7 @@ def inputs(policy: TrainedPolicy) -> dict[str, tuple[int, ...]]:
 
 def target_function(policy: TrainedPolicy) -> Callable[..., jax.Array]:
     """The policy in JAX: (..., n) `state` and (..., H, W, frames) `depth`, as read, to (..., 12) targets in rad."""
-    act = make_inference(policy.networks, policy.params, policy.normalizer)
+    actor = policy.actor()
     names = tuple(inputs(policy))
     size, robot = policy.config.env.observation.state_size, get_robot(policy.config.env.robot)
 
@@ -109,7 +115,7 @@ def target_function(policy: TrainedPolicy) -> Callable[..., jax.Array]:
         obs = {KEYS[name]: array for name, array in zip(names, arrays, strict=True)}
         if STATE_KEY not in obs:  # whoever reads depth alone
             obs[STATE_KEY] = jp.zeros((*obs[DEPTH_KEY].shape[:-3], size))
-        action = act(obs, jax.random.PRNGKey(0))
+        action, _ = actor.act(obs)
         if policy.config.env.action.diagonal:
             right, left = action[..., :3], action[..., 3:]
             action = jp.concatenate([right, left, left, right], axis=-1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -92,7 +91,6 @@ class MujocoRobot:
         self._frames: deque[Frame] = deque(maxlen=round(MEMORY * policy_hz) + 2)
         self._sensors: deque[Sensors] = deque(maxlen=round(MEMORY / self._dt) + 2)
         self._contacts = TerrainContacts(model, prisms)
-        self._rays = None if camera is None else _directions(camera)
         self._terrain = None if camera is None else TerrainRays(model, SEEN_GROUP, GROUND_GROUP)
         self._place(lying)
         self._sense()
@@ -165,26 +163,12 @@ class MujocoRobot:
 
     def _render(self) -> np.ndarray:
         """(height, width) planar depth, m, of what is not the robot."""
-        mujoco, camera = self._mujoco, self.camera
-        assert camera is not None and self._rays is not None and self._terrain is not None
-        mujoco.mj_kinematics(self.model, self.data)  # after a step positions are still those before it
-        trunk = self.data.body("trunk")
-        rotation = trunk.xmat.reshape(3, 3)
-        rays = self._rays @ rotation.T
-        length = np.linalg.norm(rays, axis=1)
-        groups = np.zeros(mujoco.mjNGROUP, np.uint8)
-        groups[SEEN_GROUP] = 1
-        hit, distance = np.full(len(rays), -1, np.int32), np.zeros(len(rays))
-        origin = trunk.xpos + rotation @ np.array(camera.offset)
-        unit = (rays / length[:, None]).ravel()
-        # Nothing farther than `far` is in range; but MuJoCo leaves out a plane whose origin is beyond the cutoff.
-        cutoff = camera.far * float(length.max()) + float(np.linalg.norm(origin))
-        mujoco.mj_multiRay(
-            self.model, self.data, origin, unit, groups, True, -1, hit, distance, None, len(rays), cutoff
-        )
-        self._terrain.nearest(origin, unit, groups, hit, distance)
-        depth = np.where(hit >= 0, distance / length, camera.far)
-        return np.clip(depth, camera.near, camera.far).reshape(camera.height, camera.width)
+        from loco_mjx.depth import c_mujoco
+
+        assert self.camera is not None
+        self._mujoco.mj_kinematics(self.model, self.data)  # after a step positions are still those before it
+        where = (self.data.qpos, self.camera.offset, self.camera)
+        return c_mujoco.cast(self.model, self.data, *where, groups=(SEEN_GROUP,), terrain=self._terrain)
 
     def _collect(self) -> None:
         """Spheres that the robot has reached are seen no more."""
@@ -201,13 +185,3 @@ def _newest(kept: deque[Any], latest: float) -> Any:
         if item.time <= latest + 1e-9:
             return item
     return kept[0]
-
-
-def _directions(camera: Camera) -> np.ndarray:
-    """(height · width, 3) rays, forward component 1, then left and up; pixel centres even in the image plane."""
-    half_width = math.tan(math.radians(camera.horizontal_fov) / 2)
-    half_height = math.tan(math.radians(camera.vertical_fov) / 2)
-    left = half_width * (1 - (2 * np.arange(camera.width) + 1) / camera.width)
-    up = half_height * (1 - (2 * np.arange(camera.height) + 1) / camera.height)
-    up, left = np.meshgrid(up, left, indexing="ij")
-    return np.stack([np.ones(up.size), left.ravel(), up.ravel()], axis=-1)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from loco_mjx import rotations
+from loco_mjx.deploy.depth_hold import DepthHold
 from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.deploy.folder import Camera, Manifest
 from loco_mjx.deploy.robot import Frame, Sensors
@@ -37,16 +39,8 @@ def check_readable(manifest: Manifest, position_known: bool) -> None:
 
 
 def up(quat: np.ndarray) -> float:
-    """The z of the trunk's up axis: 1 upright, 0 on its side."""
-    _, x, y, _ = quat / np.linalg.norm(quat)
-    return float(1 - 2 * (x * x + y * y))
-
-
-def roll_pitch(quat: np.ndarray) -> np.ndarray:
-    """(2,) roll and pitch, rad, of (w, x, y, z)."""
-    w, x, y, z = quat / np.linalg.norm(quat)
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    return np.array([roll, np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))])
+    """The z of the trunk's up axis, of a quaternion as it is measured: 1 upright, 0 on its side."""
+    return float(rotations.upright(rotations.unit(quat)))
 
 
 def encode(depth: np.ndarray, camera: Camera) -> np.ndarray:
@@ -63,9 +57,8 @@ class Observer:
         self._manifest = manifest
         self._history: dict[str, np.ndarray] = {}
         self._stack: np.ndarray | None = None
-        self._held: np.ndarray | None = None
+        self._held = DepthHold(manifest.hold)
         self._position: np.ndarray | None = None
-        self._ticks = 0
 
     def observe(self, sensors: Sensors, frame: Frame | None, targets: np.ndarray) -> dict[str, np.ndarray]:
         """The observation of the next tick.
@@ -85,12 +78,11 @@ class Observer:
             obs[STATE] = np.concatenate(parts).astype(np.float32)
         if frame is not None:
             obs[DEPTH] = self._seen(frame)
-        self._ticks += 1
         return obs
 
     def _measured(self, sensors: Sensors, targets: np.ndarray) -> dict[str, np.ndarray]:
         now = {
-            "imu": np.concatenate([roll_pitch(sensors.quat), sensors.gyro[:2]]),
+            "imu": np.concatenate([rotations.roll_pitch(rotations.unit(sensors.quat)), sensors.gyro[:2]]),
             "last_action": targets - self._manifest.default_pose,
             "angles": sensors.angles,
         }
@@ -112,6 +104,4 @@ class Observer:
         newest = encode(frame.depth, camera)[..., None]
         past = np.repeat(newest, camera.frames, axis=-1) if self._stack is None else self._stack
         self._stack = np.concatenate([newest, past[..., :-1]], axis=-1)
-        if self._held is None or self._ticks % self._manifest.hold == 0:
-            self._held = self._stack
-        return self._held
+        return self._held(self._stack)

@@ -48,8 +48,12 @@ def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return dict(pairs)
 
 
-def check(raw: Mapping[str, Any]) -> None:
+def check(raw: Mapping[str, Any], own: Robot | None = None) -> None:
     """Checks all that a manifest says: its fields and their values, its hash, and that they fit its configuration.
+
+    Args:
+        raw: the manifest.
+        own: its robot, where its folder has one; else it is looked up by its name.
 
     Raises:
         UserError: naming what is wrong, in one line.
@@ -58,7 +62,8 @@ def check(raw: Mapping[str, Any]) -> None:
     from jsonschema import Draft202012Validator
     from jsonschema.exceptions import best_match
 
-    error = best_match(Draft202012Validator(schema(*_robot(raw))).iter_errors(raw))
+    robot, named = _robot(raw, own)
+    error = best_match(Draft202012Validator(schema(robot, named)).iter_errors(raw))
     if error is not None:
         raise UserError(_complaint(error))
     if raw[SEAL] != description.sealed(raw):
@@ -69,7 +74,7 @@ def check(raw: Mapping[str, Any]) -> None:
     if raw["config_hash"] != description.config_hash(raw["config"]):
         raise UserError("config_hash is not its configuration's")
     # As the file has it: keys that this version knows and the one that wrote it did not are no difference.
-    wanted = description.describe(config, raw["inputs"], raw["hold"])
+    wanted = description.describe(config, raw["inputs"], raw["hold"], robot)
     differs = _difference({ROBOT: DEFAULT} | dict(raw), wanted | {key: raw[key] for key in ("config", "config_hash")})
     if differs is None and raw["training"]["task"] != config.env.task:
         differs = "training.task", raw["training"]["task"], config.env.task
@@ -131,7 +136,7 @@ def _number(low: float, high: float, kind: str = "number") -> dict[str, Any]:
     return {"type": kind, "minimum": low, "maximum": high}
 
 
-def _robot(raw: Mapping[str, Any]) -> tuple[Robot, bool]:
+def _robot(raw: Mapping[str, Any], own: Robot | None) -> tuple[Robot, bool]:
     """The robot of a manifest's configuration, and whether that names one: those written before others came do not.
 
     Raises:
@@ -140,7 +145,7 @@ def _robot(raw: Mapping[str, Any]) -> tuple[Robot, bool]:
     configuration = raw.get("config")
     env = configuration.get("env") if isinstance(configuration, Mapping) else None
     name = env.get(ROBOT) if isinstance(env, Mapping) else None
-    robot = get_robot(name) if isinstance(name, str) else get_robot(DEFAULT)
+    robot = own or get_robot(name if isinstance(name, str) else DEFAULT)
     if raw.get(ROBOT, robot.name) != robot.name:
         raise UserError(f"robot is {_short(raw[ROBOT])}; accepted, for its configuration: {_short(robot.name)}")
     return robot, name is not None
@@ -159,7 +164,7 @@ def schema(robot: Robot, named: bool) -> dict[str, Any]:
         "torque_limit": {"const": _plain(description.torque_limit(robot))},
     }
     rates = {"policy_hz": {"const": robot.policy_hz}, "pd_hz": {"const": round(1 / robot.physics_dt)}}
-    files = dict.fromkeys(("policy.onnx", "policy.npz", "policy.stablehlo"), _object({"sha256": _HASH}))
+    files = dict.fromkeys(("policy.onnx", "policy.npz", "policy.stablehlo", "robot.xml"), _object({"sha256": _HASH}))
     action = {"scale": _numbers(3, 0, math.pi), "diagonal": {"type": "boolean"}, "included_in_onnx": {"const": True}}
     return _object(
         {
@@ -187,7 +192,7 @@ def schema(robot: Robot, named: bool) -> dict[str, Any]:
             "config_hash": _HASH,
             "config": {"type": "object"},  # its own types and ranges are looked at by loco_mjx.config
             "versions": {"type": "object", "additionalProperties": _TEXT},
-            "files": _object(files, ("policy.npz", "policy.stablehlo")),
+            "files": _object(files, ("policy.npz", "policy.stablehlo", "robot.xml")),
             SEAL: _HASH,
         },
         () if named else (ROBOT,),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -26,17 +27,24 @@ def is_exported(path: Path) -> bool:
     return (path / folder.MANIFEST).is_file() and not (path / CONFIG).exists()
 
 
-def load(path: Path) -> TrainedPolicy:
-    """The newest policy of the run in a directory, or the one in a folder that `loco-mjx export` wrote.
+def load(path: Path, step: int | str | None = None) -> TrainedPolicy:
+    """The policy of the run in a directory, or the one in a folder that `loco-mjx export` wrote.
+
+    Args:
+        path: the directory, or the folder.
+        step: which of a run's checkpoints to take, as for :func:`loco_mjx.run.policy.load_policy`.
 
     Raises:
         UserError: if there is no run and no policy, no checkpoint yet, or none that can be read.
     """
     if not is_exported(path):
-        return load_policy(path)
+        return load_policy(path, step)
+    if step is not None:
+        raise UserError(f"{path} holds one policy; accepted: --step for the directory of a run")
     manifest = folder.read(path)
     try:
         config = from_dict(Config, dict(manifest.raw["config"]))
+        config = replace(config, env=replace(config.env, robot=manifest.body))
         samples = int(manifest.raw["training"]["samples"])
     except (UserError, KeyError, TypeError, ValueError) as error:
         raise UserError(f"{path / folder.MANIFEST} is of another version ({error}); export the run again") from error

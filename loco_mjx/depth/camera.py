@@ -12,27 +12,14 @@ import jax
 import jax.numpy as jp
 import numpy as np
 
+from loco_mjx import rotations
 from loco_mjx.config import DepthConfig
 from loco_mjx.robots.robot import Vector3
 
 
 def rotation_matrix(quat: jax.Array) -> jax.Array:
-    """The rotation of a quaternion (w, x, y, z) of any non-zero length.
-
-    Args:
-        quat: (4,).
-
-    Returns:
-        (3, 3) matrix that turns body vectors into world vectors.
-    """
-    w, x, y, z = quat / jp.sqrt(jp.sum(quat * quat))
-    return jp.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    """(3, 3) matrix that turns body vectors into world vectors, of a quaternion (4,) of any non-zero length."""
+    return jp.array([list(row) for row in zip(*rotations.axes(quat, jp), strict=True)])
 
 
 def pose(qpos: jax.Array, mount: Vector3) -> tuple[jax.Array, jax.Array]:

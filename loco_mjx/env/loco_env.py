@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jp
 
+from loco_mjx import rotations
 from loco_mjx.config import EnvConfig
 from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
@@ -15,7 +16,7 @@ from loco_mjx.env import metrics, privileged, randomization, reward
 from loco_mjx.env import observation as obs_lib
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
-from loco_mjx.physics.step import Outcome, PhysicsState, control_step, initial_state
+from loco_mjx.physics.step import PhysicsState, SubstepTrace, control_step, initial_state
 from loco_mjx.robots import LEGS, NJOINT, get_robot
 from loco_mjx.scene import motion, pool, query, surface
 from loco_mjx.scene.tasks import get_task
@@ -121,7 +122,7 @@ class LocoEnv:
         return motion.move(motion.redraw(motion_key, world.scene, world.episode.step), self.dt)
 
     def conclude(
-        self, state: State, scene: Scene, physics: PhysicsState, outcome: Outcome, command: jax.Array
+        self, state: State, scene: Scene, physics: PhysicsState, outcome: SubstepTrace, command: jax.Array
     ) -> State:
         """Reward, termination and metrics of a control step, whoever computed its physics.
 
@@ -185,13 +186,12 @@ class LocoEnv:
         self,
         before: World,
         after: World,
-        outcome: Outcome,
+        outcome: SubstepTrace,
         spheres: jax.Array,
         command: jax.Array,
         finite: jax.Array,
     ) -> reward.RewardInputs:
         start, end, origin = before.physics.qpos[:3], after.physics.qpos[:3], before.episode.start
-        _, x, y, _ = after.physics.qpos[3:7]
         forward = reward.forward_displacement(start, end, after.scene.goal, self.task.toward_goal)
         change = command - before.episode.last_action
         straight = jp.linalg.norm(end - origin) - jp.linalg.norm(start - origin)
@@ -210,7 +210,7 @@ class LocoEnv:
             action=command,
             last_action=before.episode.last_action,
             action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), len(LEGS))) ** 2),
-            up=1 - 2 * (x * x + y * y),
+            up=rotations.upright(after.physics.qpos[3:7]),
             height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
             qpos=after.physics.qpos,
             qvel=after.physics.qvel,
@@ -218,7 +218,7 @@ class LocoEnv:
         )
 
     def _result(
-        self, state: State, world: World, outcome: Outcome, inputs: reward.RewardInputs, key: jax.Array
+        self, state: State, world: World, outcome: SubstepTrace, inputs: reward.RewardInputs, key: jax.Array
     ) -> State:
         terms = reward.rewards(inputs, self.config.reward)
         now = obs_lib.sense(outcome, world.randomization.latency, self.robot.physics_dt)

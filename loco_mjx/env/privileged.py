@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jp
 import numpy as np
 
+from loco_mjx import rotations
 from loco_mjx.scene import surface
 from loco_mjx.scene.types import COLLISION_MARGIN, STEP, Scene
 
@@ -36,8 +37,7 @@ def observe(scene: Scene, stand_height: float, qpos: jax.Array, qvel: jax.Array)
         (4 × 3: direction and closeness), heading (cos, sin), direction and distance of the goal (3), velocity of
         the base in the heading frame (3), its angular velocity (3), height above the ground (1), place across (1).
     """
-    w, x, y, z = qpos[3:7]
-    yaw = jp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    yaw = rotations.yaw(qpos[3:7], jp)
     cos, sin = jp.cos(yaw), jp.sin(yaw)
     closeness, closing = _rays(scene, qpos[:2], yaw)
     height = qpos[2] - surface.ground_height(scene, qpos[0], qpos[1])

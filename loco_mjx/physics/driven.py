@@ -16,8 +16,8 @@ from flax import struct
 from loco_mjx.physics.batch import together
 from loco_mjx.physics.kinematics import LEGS, column
 from loco_mjx.physics.model import PhysicsModel
-from loco_mjx.physics.stage import Stage
-from loco_mjx.physics.step import Dynamics, Motors, Outcome, PhysicsState, around, last, physics_step
+from loco_mjx.physics.step import Dynamics, Motors, PhysicsState, SubstepTrace, broadphase, last, physics_step
+from loco_mjx.physics.xla import FusionBarrier
 from loco_mjx.scene.types import Scene
 
 
@@ -73,14 +73,14 @@ def _run(
     driven: Driven,
     scene: Scene,
     dynamics: Dynamics,
-) -> tuple[Driven, Outcome, Any]:
+) -> tuple[Driven, SubstepTrace, Any]:
     """:func:`driven_steps` of N environments, on the first axis of every argument."""
-    near = around(model, driven.physics, scene)
+    candidates = broadphase(model, driven.physics, scene)
     state, contacts, how = last((driven.physics, driven.contacts, dynamics))
     first = lambda tree: jax.tree.map(lambda x: jp.moveaxis(x, -1, 0), tree)  # noqa: E731
 
     def step(carry: tuple[PhysicsState, jax.Array], i: jax.Array, motors: Motors) -> tuple[Any, tuple[jax.Array, ...]]:
-        new, squared, touched = physics_step(model, Stage(i >= 0), near, motors, how, carry[0])
+        new, squared, touched = physics_step(model, FusionBarrier(i >= 0), candidates, motors, how, carry[0])
         on = jp.any(jp.stack([plane.distance < 0.0 for plane in touched.feet]), axis=0)
         return (new, on), (squared, touched.hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
 
@@ -97,7 +97,7 @@ def _run(
     squared, hit, *after = jax.tree.map(lambda x: x.reshape(ticks * substeps, *x.shape[2:]), trace)
     before = (state.qpos[7:], state.qpos[3:7], state.qvel[3:6])
     traces = [jp.concatenate([b[None], a]) for b, a in zip(before, after, strict=True)]
-    outcome = Outcome(jp.mean(squared, axis=0), jp.any(hit, axis=0), near.dropped, *traces)
+    outcome = SubstepTrace(jp.mean(squared, axis=0), jp.any(hit, axis=0), candidates.dropped, *traces)
     turned = first((new, contacts, outcome))
     facts = jax.tree.map(lambda x: jp.moveaxis(x, 1, 0), facts)
     return Driven(turned[0], turned[1], memory), turned[2], facts
@@ -111,7 +111,7 @@ def driven_steps(
     dynamics: Dynamics,
     ticks: int,
     substeps: int,
-) -> tuple[Driven, Outcome, Any]:
+) -> tuple[Driven, SubstepTrace, Any]:
     """Ticks of a controller, each followed by physics steps under its command.
 
     Written for one environment; `jax.vmap` of it, and a vmap of that, computes with all of them together.

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jp
 import numpy as np
 
+from loco_mjx import rotations
 from loco_mjx.robots import Robot
 
 Vector = tuple[jax.Array, jax.Array, jax.Array]  # x, y, z, arrays of one shape
@@ -51,16 +52,6 @@ def column(values: Sequence[float] | np.ndarray, like: jax.Array) -> np.ndarray:
     return np.asarray(values, np.float32).reshape(-1, *[1] * (like.ndim - 1))
 
 
-def rotation(quat: jax.Array) -> tuple[Vector, Vector, Vector]:
-    """Axes (forward, left, up) of a quaternion (4,) (w, x, y, z), which need not have unit length."""
-    w, x, y, z = quat / jp.sqrt(jp.sum(quat * quat, axis=0))
-    return (
-        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
-        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
-        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
-    )
-
-
 def pose(robot: Robot, qpos: jax.Array) -> Pose:
     """Anchors and axes of all joints.
 
@@ -73,7 +64,7 @@ def pose(robot: Robot, qpos: jax.Array) -> Pose:
     sin, cos = jp.sin(hip), jp.cos(hip)
     zero = jp.zeros_like(hip)
     origin: Vector = (qpos[0], qpos[1], qpos[2])
-    forward, left, up = rotation(qpos[3:7])
+    forward, left, up = rotations.axes(qpos[3:7], jp)
 
     def turn(x: Any, y: Any, z: Any) -> Vector:
         return tuple(forward[i] * x + left[i] * y + up[i] * z for i in range(3))  # type: ignore[return-value]

@@ -16,24 +16,24 @@ from loco_mjx.robots import Robot
 
 
 @dataclass(frozen=True)
-class Softness:
+class SolverParameters:
     """MuJoCo's solref and solimp of a constraint, as the numbers its formulas use.
 
     Attributes:
-        stiffness: k, 1/s².
-        damping: b, 1/s.
-        lowest: impedance at no violation.
-        highest: impedance from `width` on.
+        k: stiffness, 1/s².
+        b: damping, 1/s.
+        dmin: impedance at no violation.
+        dmax: impedance from `width` on.
         width: m or rad.
-        middle: where the sigmoid bends, as a fraction of the width.
+        midpoint: where the impedance's sigmoid bends, as a fraction of the width.
     """
 
-    stiffness: float
-    damping: float
-    lowest: float
-    highest: float
+    k: float
+    b: float
+    dmin: float
+    dmax: float
     width: float
-    middle: float
+    midpoint: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +46,8 @@ class PhysicsModel:
         data: MJX data whose fields a step overwrites.
         sphere_invweight: (S,) translational inverse weight of each sphere's body, 1/kg.
         joint_invweight: (12,) inverse weight of each joint, 1/(kg m²).
-        softness: of contacts.
-        limit_softness: of joint limits.
+        contact_parameters: of contacts.
+        limit_parameters: of joint limits.
         config: the solver's settings.
         obstacle_slots: per foot, how many boxes and cylinders it can touch at once, beside the ground.
     """
@@ -57,19 +57,20 @@ class PhysicsModel:
     data: mjx.Data
     sphere_invweight: np.ndarray
     joint_invweight: np.ndarray
-    softness: Softness
-    limit_softness: Softness
+    contact_parameters: SolverParameters
+    limit_parameters: SolverParameters
     config: PhysicsConfig
     obstacle_slots: int
 
 
-def _softness(solref: np.ndarray, solimp: np.ndarray, timestep: float) -> Softness:
-    """From one constraint's parameters; MuJoCo's formulas for solref in (time constant, damping ratio) form."""
-    lowest, highest, width, middle, power = (float(x) for x in solimp)
+def _solver_parameters(solref: np.ndarray, solimp: np.ndarray, timestep: float) -> SolverParameters:
+    """From one constraint's solref, in the form (time constant, damping ratio), and its solimp."""
+    dmin, dmax, width, midpoint, power = (float(x) for x in solimp)
     assert power == 2.0 and (solref > 0).all(), "loco_mjx/physics/compiled.py refuses others"
-    time, ratio = max(float(solref[0]), 2 * timestep), float(solref[1])
-    stiffness, damping = 1 / (highest * time * ratio) ** 2, 2 / (highest * time)
-    return Softness(stiffness, damping, lowest, highest, width, middle)
+    timeconst, dampratio = max(float(solref[0]), 2 * timestep), float(solref[1])
+    k = 1 / (dmax * timeconst * dampratio) ** 2  # k = 1 / (dmax · timeconst · dampratio)²
+    b = 2 / (dmax * timeconst)  # b = 2 / (dmax · timeconst)
+    return SolverParameters(k, b, dmin, dmax, width, midpoint)
 
 
 def build(robot: Robot, config: PhysicsConfig, obstacle_slots: int = 2) -> PhysicsModel:
@@ -99,8 +100,8 @@ def build(robot: Robot, config: PhysicsConfig, obstacle_slots: int = 2) -> Physi
         data=mjx.make_data(bare, impl="jax"),
         sphere_invweight=full.body_invweight0[full.geom_bodyid[spheres], 0].astype(np.float32),
         joint_invweight=full.dof_invweight0[6:].astype(np.float32),
-        softness=_softness(full.geom_solref[spheres[0]], full.geom_solimp[spheres[0]], step),
-        limit_softness=_softness(full.jnt_solref[1], full.jnt_solimp[1], step),
+        contact_parameters=_solver_parameters(full.geom_solref[spheres[0]], full.geom_solimp[spheres[0]], step),
+        limit_parameters=_solver_parameters(full.jnt_solref[1], full.jnt_solimp[1], step),
         config=config,
         obstacle_slots=obstacle_slots,
     )

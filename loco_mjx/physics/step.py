@@ -1,6 +1,6 @@
 """One control step: the physics steps of a robot against a scene.
 
-Rigid-body dynamics are MJX's; contacts are the tangent planes of slots.py; the constraint solver is solver.py.
+Rigid-body dynamics are MJX's; contacts are the tangent planes of collision.py; the constraint solver is solver.py.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import jax.numpy as jp
 import numpy as np
 from flax import struct
 
-from loco_mjx.physics import arrow, contact, kinematics, slots, solver
+from loco_mjx.physics import block_matrix, collision, constraint, kinematics, solver
 from loco_mjx.physics.batch import together
 from loco_mjx.physics.mjx import mjx
 from loco_mjx.physics.model import PhysicsModel
-from loco_mjx.physics.stage import Stage, add_up, total
+from loco_mjx.physics.xla import FusionBarrier, add_up, total
 from loco_mjx.robots import NJOINT, NV
 from loco_mjx.robots.motor import motor_torque
 from loco_mjx.scene.types import Scene
@@ -64,7 +64,7 @@ class Dynamics:
 
 
 @struct.dataclass
-class Outcome:
+class SubstepTrace:
     """What happened in a control step of n physics steps; index 0 of a trace is before it, n after it.
 
     Attributes:
@@ -96,7 +96,7 @@ def nominal_dynamics(kp: float, kd: float, friction: float = 1.0) -> Dynamics:
     return Dynamics(kp * one, kd * one, jp.ones(NJOINT, jp.float32), 0.0 * one, friction * one, one, one)
 
 
-def _inertia_and_bias(
+def _qM_and_qfrc_bias(
     model: PhysicsModel, qpos: jax.Array, qvel: jax.Array, mass: jax.Array, inertia: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Mass matrix (18, 18), and Coriolis, centrifugal and gravity forces (18,), of one environment, by MJX."""
@@ -130,36 +130,39 @@ def _integrate(qpos: jax.Array, qvel: jax.Array, timestep: float) -> jax.Array:
 
 def physics_step(
     model: PhysicsModel,
-    stage: Stage,
-    near: slots.Near,
+    barrier: FusionBarrier,
+    candidates: collision.Candidates,
     motors: Motors,
     dynamics: Dynamics,
     state: PhysicsState,
-) -> tuple[PhysicsState, jax.Array, slots.Slots]:
+) -> tuple[PhysicsState, jax.Array, collision.ContactSlots]:
     """The next state, the squared torque and what was touched. Environments last in every array."""
     robot, qpos, qvel = model.robot, state.qpos, state.qvel
     torque = motors(qpos[7:], qvel[6:])
-    smooth = jax.vmap(lambda *args: _inertia_and_bias(model, *args), in_axes=-1, out_axes=-1)
-    inertia, bias = stage(smooth, qpos, qvel, dynamics.mass, dynamics.inertia)
-    pose = stage(lambda qpos: kinematics.pose(robot, qpos), qpos)
-    centers = stage(lambda pose: kinematics.centers(robot, pose), pose)
-    touched = slots.touch(stage, near, robot, centers, model.obstacle_slots)
-    constraints = stage(lambda: contact.constraints(model, pose, qpos, qvel, touched, dynamics.friction, dynamics.mass))
-    passive = kinematics.column(robot.damping, qpos) * qvel[6:] if any(robot.damping) else 0.0
-    force = jp.concatenate([-bias[:6], torque - passive - bias[6:]])
-    acceleration = arrow.join(
+    dynamics_of = jax.vmap(lambda *args: _qM_and_qfrc_bias(model, *args), in_axes=-1, out_axes=-1)
+    qM, qfrc_bias = barrier(dynamics_of, qpos, qvel, dynamics.mass, dynamics.inertia)
+    pose = barrier(lambda qpos: kinematics.pose(robot, qpos), qpos)
+    centers = barrier(lambda pose: kinematics.centers(robot, pose), pose)
+    contacts = collision.narrowphase(barrier, candidates, robot, centers, model.obstacle_slots)
+    constraints = barrier(
+        lambda: constraint.constraints(model, pose, qpos, qvel, contacts, dynamics.friction, dynamics.mass)
+    )
+    # qfrc_smooth = qfrc_actuator + qfrc_passive − qfrc_bias
+    of_joints = torque - kinematics.column(robot.damping, qpos) * qvel[6:] if any(robot.damping) else torque
+    qfrc_smooth = jp.concatenate([-qfrc_bias[:6], of_joints - qfrc_bias[6:]])
+    qacc = block_matrix.join(
         solver.solve(
-            stage,
-            solver.Problem(stage(arrow.from_dense, inertia), arrow.split(force), constraints),
-            arrow.split(state.warmstart),
+            barrier,
+            solver.Problem(barrier(block_matrix.from_dense, qM), block_matrix.split(qfrc_smooth), constraints),
+            block_matrix.split(state.warmstart),
             model.config.iterations,
             model.config.ls_iterations,
             model.config.more_iterations,
         )
     )
-    qvel = qvel + np.float32(robot.physics_dt) * acceleration
-    new = PhysicsState(_integrate(qpos, qvel, robot.physics_dt), qvel, acceleration)
-    return new, total(torque * torque), touched
+    qvel = qvel + np.float32(robot.physics_dt) * qacc
+    new = PhysicsState(_integrate(qpos, qvel, robot.physics_dt), qvel, qacc)
+    return new, total(torque * torque), contacts
 
 
 def last(tree: Any) -> Any:
@@ -167,19 +170,19 @@ def last(tree: Any) -> Any:
     return jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), tree)
 
 
-def around(model: PhysicsModel, state: PhysicsState, scene: Scene) -> slots.Near:
+def broadphase(model: PhysicsModel, state: PhysicsState, scene: Scene) -> collision.Candidates:
     """What may touch the robots within a control step, environments last; of arguments that have them first."""
     terrain, flat = scene.terrain, scene.replace(terrain=None)  # type: ignore[attr-defined]
-    near = jax.vmap(lambda scene, qpos: slots.near(scene, model.robot, qpos, model.config))(flat, state.qpos)
+    pick = jax.vmap(lambda scene, qpos: collision.broadphase(scene, model.robot, qpos, model.config))
     # A heightfield is too large to be turned around in every step.
-    return last(near).replace(terrain=terrain)
+    return last(pick(flat, state.qpos)).replace(terrain=terrain)
 
 
 def _control_steps(
     model: PhysicsModel, state: PhysicsState, scene: Scene, targets: jax.Array, dynamics: Dynamics
-) -> tuple[PhysicsState, Outcome]:
+) -> tuple[PhysicsState, SubstepTrace]:
     """:func:`control_step` of N environments, on the first axis of every argument."""
-    near = around(model, state, scene)
+    candidates = broadphase(model, state, scene)
     state, targets, dynamics = last((state, targets, dynamics))
     limit, gains = kinematics.column(model.robot.torque_limit, state.qpos), (dynamics.kp, dynamics.kd)
 
@@ -187,19 +190,19 @@ def _control_steps(
         return motor_torque(targets, angle, velocity, *gains, limit, dynamics.strength, dynamics.motor_friction)
 
     def body(state: PhysicsState, i: jax.Array) -> tuple[PhysicsState, tuple[jax.Array, ...]]:
-        new, squared, touched = physics_step(model, Stage(i >= 0), near, motors, dynamics, state)
-        return new, (squared, touched.hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
+        new, squared, contacts = physics_step(model, FusionBarrier(i >= 0), candidates, motors, dynamics, state)
+        return new, (squared, contacts.hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
 
     new, (squared, hit, *after) = jax.lax.scan(body, state, jp.arange(model.robot.substeps))
     before = (state.qpos[7:], state.qpos[3:7], state.qvel[3:6])
     trace = [jp.concatenate([b[None], a]) for b, a in zip(before, after, strict=True)]
-    out = (new, Outcome(jp.mean(squared, axis=0), jp.any(hit, axis=0), near.dropped, *trace))
+    out = (new, SubstepTrace(jp.mean(squared, axis=0), jp.any(hit, axis=0), candidates.dropped, *trace))
     return jax.tree.map(lambda x: jp.moveaxis(x, -1, 0), out)
 
 
 def control_step(
     model: PhysicsModel, state: PhysicsState, scene: Scene, targets: jax.Array, dynamics: Dynamics
-) -> tuple[PhysicsState, Outcome]:
+) -> tuple[PhysicsState, SubstepTrace]:
     """Runs the motors toward targets for one control step (the A1: 0.04 s, 16 physics steps).
 
     Written for one environment; `jax.vmap` of it computes with the environments on the last axis, and a vmap of that

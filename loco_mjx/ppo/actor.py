@@ -1,37 +1,100 @@
-"""Acting with a trained policy."""
+"""Acting with a policy: its input made of an observation, and the depth that it holds between control steps.
+
+A policy may hold the depth that it sees for several control steps, so that what it decides from depth lasts as long
+(`hrl`). The clock is whoever steps it: in training the rollout's step t, when the policy is run the episode's. Depth is
+read anew where t mod hold = 0 and at an episode's first step. What was held at any step of a rollout is therefore known
+from t and the episode's start (:func:`held_since`), and recomputed log-probabilities match.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jp
 
-from loco_mjx.networks.policies import Networks, Params
-from loco_mjx.ppo import distribution
+from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Outputs, Params
+from loco_mjx.ppo import distribution, frame_stack
+from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.normalizer import Normalizer
-from loco_mjx.ppo.rollout import policy_input
 
-Act = Callable[[Mapping[str, jax.Array], jax.Array], jax.Array]
+Observation = Mapping[str, jax.Array]
+Held = jax.Array | None  # (..., H, W, frames) depth that a policy holds; None for one that holds nothing
 
 
-def make_inference(networks: Networks, params: Params, normalizer: Normalizer, deterministic: bool = True) -> Act:
-    """A function from an environment's observation and a key to an action in [−1, 1].
+def finite(x: jax.Array) -> jax.Array:
+    """The array with 0 in place of what is not finite."""
+    return jp.where(jp.isfinite(x), x, 0.0)
 
-    Observations are as environments return them (not normalised), with any leading axes; one key draws for all of
-    them. The statistics are frozen.
 
-    Args:
+def policy_input(obs: Observation, normalizer: Normalizer) -> dict[str, jax.Array]:
+    """An environment's observation as networks take it: finite, `state` normalised, depth as it is stored."""
+    result = {STATE: normalizer_lib.normalize(normalizer, finite(obs[STATE]))}
+    if DEPTH in obs:
+        result[DEPTH] = frame_stack.rounded(finite(obs[DEPTH]))
+    if PRIVILEGED in obs:
+        result[PRIVILEGED] = finite(obs[PRIVILEGED])
+    return result
+
+
+@dataclass(frozen=True)
+class Actor:
+    """A policy that acts, one control step after the other.
+
+    Observations are as environments return them (not normalised), with any leading axes. The statistics are frozen.
+
+    Attributes:
         networks: the policy's networks.
         params: their parameters.
         normalizer: statistics of `state`.
-        deterministic: act by the Gaussian's mean; the key is then not used.
+        deterministic: act by the Gaussian's mean.
     """
 
-    def act(obs: Mapping[str, jax.Array], key: jax.Array) -> jax.Array:
-        outputs = networks.apply(params, policy_input(obs, normalizer))
-        if deterministic:
-            return jp.tanh(outputs.mean)
-        return jp.tanh(distribution.sample(key, outputs.mean, outputs.log_std))
+    networks: Networks
+    params: Params
+    normalizer: Normalizer
+    deterministic: bool = True
 
-    return act
+    def start(self, obs: Observation) -> Held:
+        """What is held before the first step; step 0 of the clock replaces it."""
+        return None if self.networks.hold == 1 else jp.zeros_like(obs[DEPTH])
+
+    def outputs(
+        self, obs: Observation, held: Held = None, step: jax.Array | int = 0, restarted: jax.Array | bool = False
+    ) -> tuple[Outputs, Held]:
+        """What the networks make of an observation, and the depth that is held from now on.
+
+        Args:
+            obs: the newest observation.
+            held: of the step before; None: the networks see the depth of `obs`.
+            step: () of the clock.
+            restarted: (...) or () bool, whether an episode begins here.
+        """
+        seen = policy_input(obs, self.normalizer)
+        if held is not None:
+            refresh = (step % self.networks.hold == 0) | jp.asarray(restarted)
+            refresh = jp.reshape(refresh, (*refresh.shape, *(1,) * (held.ndim - refresh.ndim)))
+            seen[DEPTH] = held = jp.where(refresh, seen[DEPTH], held)
+        return self.networks.apply(self.params, seen), held
+
+    def act(
+        self, obs: Observation, held: Held = None, step: jax.Array | int = 0, key: jax.Array | None = None
+    ) -> tuple[jax.Array, Held]:
+        """An action in [−1, 1], and the depth that is held from now on; one key draws for all leading axes."""
+        outputs, held = self.outputs(obs, held, step)
+        if self.deterministic:
+            return jp.tanh(outputs.mean), held
+        assert key is not None
+        return jp.tanh(distribution.sample(key, outputs.mean, outputs.log_std)), held
+
+
+def held_since(step: jax.Array, start: jax.Array, hold: int) -> jax.Array:
+    """Step of a rollout whose depth the policy saw at a step.
+
+    Args:
+        step: int32 steps of the rollout.
+        start: of the same shape, the step at which each one's episode started; negative if before the rollout.
+        hold: control steps for which depth is held.
+    """
+    return jp.maximum(step - step % hold, start)

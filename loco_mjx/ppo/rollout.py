@@ -1,8 +1,7 @@
-"""Collecting a window of experience: the policy acts in a batch of environments, all inside one scan."""
+"""Collecting a rollout: the policy acts in a batch of environments for T steps, all inside one scan."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -12,14 +11,13 @@ from flax import struct
 
 from loco_mjx.env import autoreset
 from loco_mjx.env.state import State
-from loco_mjx.networks import hold as hold_lib
 from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Params
 from loco_mjx.ppo import distribution, frame_stack
-from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.ppo.actor import Actor, Held, finite
 from loco_mjx.ppo.normalizer import Normalizer
 
 Metrics = dict[str, jax.Array]
-_Carry = tuple[State, jax.Array | None]  # the environments, and the depth their policy holds
+_Carry = tuple[State, Held]  # the environments, and the depth their policy holds
 
 
 @struct.dataclass
@@ -56,21 +54,6 @@ class Rollout:
         return 1.0 - self.reset
 
 
-def finite(x: jax.Array) -> jax.Array:
-    """The array with 0 in place of what is not finite."""
-    return jp.where(jp.isfinite(x), x, 0.0)
-
-
-def policy_input(obs: Mapping[str, jax.Array], normalizer: Normalizer) -> dict[str, jax.Array]:
-    """An environment's observation as networks take it: finite, `state` normalised, depth as it is stored."""
-    result = {STATE: normalizer_lib.normalize(normalizer, finite(obs[STATE]))}
-    if DEPTH in obs:
-        result[DEPTH] = frame_stack.rounded(finite(obs[DEPTH]))
-    if PRIVILEGED in obs:
-        result[PRIVILEGED] = finite(obs[PRIVILEGED])
-    return result
-
-
 def collect(
     env: autoreset.ResettableEnv,
     networks: Networks,
@@ -94,42 +77,42 @@ def collect(
         unroll: T.
 
     Returns:
-        The environments' states, the experience, and sums of metrics over the window's rows (see :func:`_sums`).
+        The environments' states, the rollout, and sums of metrics over its transitions (see :func:`_sums`).
     """
     step = jax.vmap(lambda state, action: autoreset.step(env, state, action, pool))
+    actor = Actor(networks, params, normalizer)
     stored = partial(_stored, depth=networks.uses_depth)
 
     def body(carry: _Carry, t: jax.Array) -> tuple[_Carry, tuple[dict[str, Any], Metrics]]:
         state, held = carry
-        due = (t % networks.hold == 0) | (state.info["reset"] > 0)
-        seen = hold_lib.view(policy_input(state.obs, normalizer), held, due)
-        outputs = networks.apply(params, seen)
+        outputs, held = actor.outputs(state.obs, held, t, restarted=state.info["reset"] > 0)
         step_keys = jax.vmap(jax.random.fold_in, (0, None))(keys, t)
         action = jax.vmap(distribution.sample)(step_keys, outputs.mean, outputs.log_std)
-        after = step(state, jp.tanh(action))
-        row = {
+        next_state = step(state, jp.tanh(action))
+        transition = {
             "action": action,
             "log_prob": distribution.log_prob(action, outputs.mean, outputs.log_std),
             "value": outputs.value,
-            "reward": finite(after.reward),
-            "terminated": after.done * (1.0 - after.info["truncation"]),
-            "done": after.done,
-            "reset": after.info["reset"],
+            "reward": finite(next_state.reward),
+            "terminated": next_state.done * (1.0 - next_state.info["truncation"]),
+            "done": next_state.done,
+            "reset": next_state.info["reset"],
         }
-        return (after, None if held is None else seen[DEPTH]), (row | stored(state), _sums(after))
+        return (next_state, held), (transition | stored(state), _sums(next_state))
 
-    held = None if networks.hold == 1 else jp.zeros_like(env_state.obs[DEPTH])
-    (last, _), (rows, sums) = jax.lax.scan(body, (env_state, held), jp.arange(unroll, dtype=jp.int32))
-    value = networks.apply(params, policy_input(last.obs, normalizer)).value
+    carry = (env_state, actor.start(env_state.obs))
+    (last, _), (transitions, sums) = jax.lax.scan(body, carry, jp.arange(unroll, dtype=jp.int32))
+    value = actor.outputs(last.obs)[0].value
     for name, final in ({"value": value} | stored(last)).items():
-        rows[name] = jp.concatenate([rows[name], final[None]])
-    if "frames" in rows:
-        rows["frames"] = jp.concatenate([frame_stack.older(finite(env_state.obs[DEPTH])), rows["frames"]])
-    return last, Rollout(**({"frames": None} | rows)), jax.tree.map(lambda x: jp.sum(x, axis=0), sums)
+        transitions[name] = jp.concatenate([transitions[name], final[None]])
+    if "frames" in transitions:
+        older = frame_stack.older(finite(env_state.obs[DEPTH]))
+        transitions["frames"] = jp.concatenate([older, transitions["frames"]])
+    return last, Rollout(**({"frames": None} | transitions)), jax.tree.map(lambda x: jp.sum(x, axis=0), sums)
 
 
 def _stored(state: State, depth: bool) -> dict[str, jax.Array]:
-    """What is kept of the observations."""
+    """The parts of an observation that the rollout keeps."""
     kept = {"state": finite(state.obs[STATE])}
     if depth:
         kept["frames"] = frame_stack.newest(finite(state.obs[DEPTH]))
@@ -141,8 +124,8 @@ def _stored(state: State, depth: bool) -> dict[str, jax.Array]:
 def _sums(after: State) -> Metrics:
     """Sums over the environments after a step.
 
-    `steps` and `step/...` are over rows that are not resets; `episodes` and `episode/...` over episodes that ended;
-    `nonfinite` counts rows with a non-finite reward or `state`, whether the environment caught it or this function did.
+    `steps` and `step/...` are over transitions that are not resets; `episodes` and `episode/...` over episodes that
+    ended. `nonfinite` counts those with a reward or a `state` that is not finite, by whomever it was caught.
     """
     taken, ended = after.info["reset"] == 0, after.done > 0
     broken = ~jp.isfinite(after.reward) | ~jp.all(jp.isfinite(after.obs[STATE]), axis=-1)

@@ -3,7 +3,7 @@
 - ``config.json``: the whole configuration
 - ``info.json``: versions, devices, commit and command of the first start, and of each resumption
 - ``metrics.csv``: the curves; tensorboard/ holds the same
-- ``checkpoints/``: the last two states (see loco_mjx/run/checkpoint.py)
+- ``checkpoints/``: the last two states, the best by evaluation, and others (see loco_mjx/run/checkpoint.py)
 - ``evaluation/``: what `loco-mjx evaluate` found
 - ``teacher/``: the run of its teacher, for method `distill`
 """
@@ -140,7 +140,7 @@ def compared(config: Config) -> dict[str, Any]:
 
 @contextmanager
 def claim(directory: Path) -> Iterator[None]:
-    """Makes the directory and holds it for this process alone; the system lets go of it however the process ends.
+    """Makes the directory and locks it for this process; the lock ends with the process, however that ends.
 
     Raises:
         UserError: without write access, or if another process is training in it.
@@ -160,15 +160,18 @@ def claim(directory: Path) -> Iterator[None]:
         yield
 
 
-def record_start(directory: Path, config: Config, about: dict[str, Any]) -> None:
+def record_start(directory: Path, config: Config, provenance: dict[str, Any]) -> None:
     """Writes the configuration and what the run runs with, before its first step; notes each resumption.
 
     Args:
         directory: the run's.
         config: the whole configuration.
-        about: versions, devices, commit and command (see loco_mjx/run/provenance.py), with the step begun at.
+        provenance: versions, devices, commit and command (see loco_mjx/run/provenance.py), with the step begun at.
     """
     info = read_json(directory / INFO) if (directory / INFO).exists() else None
-    info = about | {"resumed": []} if info is None else info | {"resumed": [*info.get("resumed", []), about]}
+    if info is None:
+        info = provenance | {"resumed": []}
+    else:
+        info |= {"resumed": [*info.get("resumed", []), provenance]}
     write_json(directory / INFO, info)
     write_json(directory / CONFIG, to_dict(config))

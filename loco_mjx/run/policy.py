@@ -16,6 +16,7 @@ from loco_mjx.env import privileged
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import Networks, make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.ppo.actor import Actor
 from loco_mjx.run import checkpoint, directory, needs
 
 
@@ -37,9 +38,17 @@ class TrainedPolicy:
     normalizer: normalizer_lib.Normalizer
     samples: int
 
+    def actor(self, deterministic: bool = True) -> Actor:
+        """The policy acting, by its mean or by drawing from its Gaussian."""
+        return Actor(self.networks, self.params, self.normalizer, deterministic)
 
-def load_policy(path: Path) -> TrainedPolicy:
-    """The newest policy of the run in a directory.
+
+def load_policy(path: Path, step: int | str | None = None) -> TrainedPolicy:
+    """The policy of the run in a directory.
+
+    Args:
+        path: the directory.
+        step: the samples trained at the checkpoint to take, or "best"; None: the newest.
 
     Raises:
         UserError: if there is no run, no checkpoint yet, or none that can be read.
@@ -48,7 +57,8 @@ def load_policy(path: Path) -> TrainedPolicy:
     needs.check(config, path)
     networks = make_networks(config.policy, config.network, config.env.action.size)
     template = _template(config, networks)
-    restored = checkpoint.restore(path, template, config, _to_stderr, checkpoint.POLICY)
+    at = None if step is None else checkpoint.choose(path, step)
+    restored = checkpoint.restore(path, template, config, _to_stderr, checkpoint.POLICY, at)
     if restored is None:
         raise UserError(f"the run in {path} has no checkpoint yet; let `loco-mjx train` go on until it has saved one")
     policy, samples = restored

@@ -1,4 +1,4 @@
-"""What one run leaves in its directory while it trains: rows of its curves, and checkpoints."""
+"""What one run writes into its directory while it trains: rows of its curves, and checkpoints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from loco_mjx.run.directory import CONFIG, LOCK
 from loco_mjx.run.logger import Logger
 
 Row = dict[str, float]
-NONFINITE = "nonfinite/"  # the learner's metrics of how many numbers of what it learns are none
+SCORE = "eval/return"  # by which the best checkpoint is chosen
+NONFINITE = "nonfinite/"  # the learner's metrics of how many numbers of its state are NaN or infinite
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Run:
     directory: Path
 
 
-class Record:
+class RunLog:
     """Writes a run's curves and checkpoints; of several processes the first one writes.
 
     Attributes:
@@ -66,19 +67,25 @@ class Record:
         except UserError as error:
             self.failure = error
 
-    def save(self, samples: int, state: Any) -> None:
+    def save(self, samples: int, state: Any, keep_every: int | None = None) -> None:
         """Writes a checkpoint of the whole state, wherever its parts lie; every process is to call it.
+
+        Args:
+            samples: trained so far.
+            state: the training state.
+            keep_every: samples between checkpoints that are kept for good; None: none is.
 
         Raises:
             UserError: if the disk is full or not writable, or the run's directory has gone.
         """
-        state = multihost.whole(state)
+        state = multihost.fetch_whole(state)
         if self._logger is not None:
             self._check_place()
             policy, curves = policy_of(state), self._logger.text
-            checkpoint.save(self.run.directory, samples, state, policy, self.run.config, curves)
+            score = self._logger.value(samples, SCORE)
+            checkpoint.save(self.run.directory, samples, state, policy, self.run.config, curves, score, keep_every)
 
-    def __enter__(self) -> Record:
+    def __enter__(self) -> RunLog:
         """Opens the files.
 
         Raises:
@@ -107,10 +114,7 @@ class Record:
             raise RunError(f"{self.run.directory} has been removed or moved while it trained, so the run has ended")
 
     def check(self, row: Row, samples: int) -> bool:
-        """Whether the run may go on; one whose losses or whose state hold what is no number may not.
-
-        A checkpoint would keep it.
-        """
+        """Whether the run may go on: not if its losses or its state hold NaN or infinities, which would be saved."""
         broken = _diverged(row)
         if broken and self.problem is None:
             self.problem = (
@@ -133,7 +137,7 @@ def _diverged(row: Row) -> str | None:
 
 
 def _identities(directory: Path) -> list[tuple[int, int] | bool]:
-    """What tells a run's directory from another one in its place."""
+    """What identifies a run's directory, so that another one in its place is noticed."""
     found: list[tuple[int, int] | bool] = [(directory / CONFIG).exists()]  # which an editor may replace
     for path in (directory, directory / LOCK):
         try:
@@ -151,7 +155,7 @@ def policy_of(state: Any) -> checkpoint.Policy:
 
 
 def common_step(runs: Sequence[Run], say: Callable[[str], None] = lambda text: None) -> int:
-    """The newest step of which all runs have a whole checkpoint; 0 if none has trained.
+    """The newest step at which all runs have an undamaged checkpoint; 0 if none has trained.
 
     Args:
         runs: to be trained together.
@@ -160,7 +164,7 @@ def common_step(runs: Sequence[Run], say: Callable[[str], None] = lambda text: N
     Raises:
         UserError: if there is none, naming what is damaged, or where each run stands.
     """
-    if len(runs) == 1:  # which may go on from any; restoring it says what is damaged
+    if len(runs) == 1:  # it may go on from any of its own; restoring reports what is damaged
         return checkpoint.newest(runs[0].directory)
     problems: list[str] = []
     stand = {run.directory: checkpoint.whole_steps(run.directory, problems.append) for run in runs}

@@ -12,6 +12,7 @@ import jax
 import mujoco
 import numpy as np
 
+from loco_mjx import rotations
 from loco_mjx.robots import Robot
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.types import COLLISION_MARGIN, OBSTACLE, STEP, WALL, Boxes, Cylinders, Scene, Spheres, Terrain
@@ -75,7 +76,7 @@ def home_qpos(scene: Scene, robot: Robot, start: tuple[float, float] = (0.0, 0.0
     """(19,) configuration of a robot standing in its default pose on the ground at ``start``, heading ``yaw``."""
     ground = jax.jit(ground_height)(scene, np.float32(start[0]), np.float32(start[1]))
     height = float(ground) + robot.stand_height
-    return np.array([*start, height, math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw), *robot.default_pose])
+    return np.array([*start, height, *rotations.from_yaw(yaw), *robot.default_pose])
 
 
 def place_boxes(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
@@ -154,7 +155,7 @@ def _add_boxes(spec: mujoco.MjSpec, boxes: Boxes) -> None:
     for index in range(boxes.count):
         label = KIND_NAMES[int(kind[index])]
         name = f"{label}_{index}"
-        pose = {"pos": center[index], "quat": _turn(float(yaw[index]))}
+        pose = {"pos": center[index], "quat": rotations.from_yaw(float(yaw[index]))}
         body = spec.worldbody
         if moving and kind[index] == OBSTACLE:
             body, pose = spec.worldbody.add_body(name=name, mocap=True, **pose), {}
@@ -224,11 +225,6 @@ def _place_robot(spec: mujoco.MjSpec, qpos: np.ndarray) -> None:
         pos=[-2.2, 0.0, 1.2],
         quat=_look_along_x(math.radians(-22.0)),
     )
-
-
-def _turn(yaw: float) -> np.ndarray:
-    """Quaternion (w, x, y, z) of a turn about z."""
-    return np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
 
 
 def _look_along_x(pitch: float) -> np.ndarray:

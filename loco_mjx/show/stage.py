@@ -7,6 +7,7 @@ import math
 import mujoco
 import numpy as np
 
+from loco_mjx import rotations
 from loco_mjx.robots import Robot
 from loco_mjx.scene.mjcf import place_boxes, scene_spec
 from loco_mjx.scene.types import Scene
@@ -98,8 +99,7 @@ class Follower:
 
     def follow(self, moment: Moment) -> mujoco.MjvCamera:
         """The camera at a moment; at an episode's first step it is behind the robot at once."""
-        w, x, y, z = moment.qpos[3:7]
-        yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        yaw = float(rotations.yaw(moment.qpos[3:7]))
         heading = np.array([math.cos(yaw), math.sin(yaw)])
         target = np.concatenate([moment.qpos[:3], heading])
         if self._place is None or moment.step == 0:

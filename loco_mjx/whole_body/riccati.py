@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jp
 
-from loco_mjx.physics.stage import Stage, add_up
+from loco_mjx.physics.xla import FusionBarrier, add_up
 
 Pair = tuple[jax.Array, jax.Array]  # of positions and of velocities, (6, N) each
 
@@ -96,13 +96,13 @@ def inverse3(a: jax.Array) -> jax.Array:
     return jp.stack([jp.stack([c0, c1, c2]), jp.stack([c1, c4, c5]), jp.stack([c2, c5, c8])]) * d
 
 
-def inverse6(stage: Stage, a: jax.Array) -> jax.Array:
+def inverse6(barrier: FusionBarrier, a: jax.Array) -> jax.Array:
     """Inverse of symmetric positive (6, 6, N), by blocks of three."""
-    first, second = stage(lambda: (inverse3(a[:3, :3]), a[:3, 3:]))
-    side = stage(mm, first, second)
-    rest = stage(lambda: inverse3(a[3:, 3:] - mtm(second, side)))
-    corner = stage(lambda: -mm(side, rest))
-    return stage(
+    first, second = barrier(lambda: (inverse3(a[:3, :3]), a[:3, 3:]))
+    side = barrier(mm, first, second)
+    rest = barrier(lambda: inverse3(a[3:, 3:] - mtm(second, side)))
+    corner = barrier(lambda: -mm(side, rest))
+    return barrier(
         lambda: jp.concatenate(
             [
                 jp.concatenate([first - mm(corner, flip(side)), corner], axis=1),
@@ -112,11 +112,11 @@ def inverse6(stage: Stage, a: jax.Array) -> jax.Array:
     )
 
 
-def factor(stage: Stage, weights: Weights, effects: jax.Array) -> Factors:
+def factor(barrier: FusionBarrier, weights: Weights, effects: jax.Array) -> Factors:
     """The factorisation.
 
     Args:
-        stage: how to compute intermediate results once.
+        barrier: how to compute intermediate results once.
         weights: of the states.
         effects: (H, 6, 6, N) E = G K⁻¹ Gᵀ of each step.
     """
@@ -132,12 +132,12 @@ def factor(stage: Stage, weights: Weights, effects: jax.Array) -> Factors:
             by_q, by_v = 0.5 * qq + qv, 0.5 * flip(qv) + vv  # P B
             return 0.5 * by_q + by_v, flip(by_q), flip(by_v) + flip(by_q)
 
-        W, left, right = stage(ahead)
-        inverse = inverse6(stage, W)
-        Z = inverse6(stage, inverse + E)
-        gain = stage(mm, Z, inverse)
-        X = stage(mm, E, gain)
-        XH = stage(lambda: (mm(X, left), mm(X, right)))
+        W, left, right = barrier(ahead)
+        inverse = inverse6(barrier, W)
+        Z = inverse6(barrier, inverse + E)
+        gain = barrier(mm, Z, inverse)
+        X = barrier(mm, E, gain)
+        XH = barrier(lambda: (mm(X, left), mm(X, right)))
 
         def onto() -> tuple[jax.Array, jax.Array, jax.Array]:
             new_qq = qq - mtm(left, XH[0]) + place
@@ -145,17 +145,17 @@ def factor(stage: Stage, weights: Weights, effects: jax.Array) -> Factors:
             new_vv = vv + qv + flip(qv) + qq - mtm(right, XH[1]) + speed
             return 0.5 * (new_qq + flip(new_qq)), new_qv, 0.5 * (new_vv + flip(new_vv))
 
-        return stage(onto), Factors(gain, Z, jp.concatenate([left, right], axis=1))
+        return barrier(onto), Factors(gain, Z, jp.concatenate([left, right], axis=1))
 
     last = (place + zero, zero, speed + zero)
     return jax.lax.scan(back, last, effects, reverse=True)[1]
 
 
-def solve(stage: Stage, factors: Factors, effects: jax.Array, free: jax.Array) -> jax.Array:
+def solve(barrier: FusionBarrier, factors: Factors, effects: jax.Array, free: jax.Array) -> jax.Array:
     """(H, 6, N) λ: what the states' cost asks of each step's acceleration, S d.
 
     Args:
-        stage: how to compute intermediate results once.
+        barrier: how to compute intermediate results once.
         factors: from :func:`factor`.
         effects: (H, 6, 6, N) E.
         free: (H, 6, N) the accelerations if states cost nothing, G K⁻¹ r.
@@ -169,13 +169,13 @@ def solve(stage: Stage, factors: Factors, effects: jax.Array, free: jax.Array) -
             push = 0.5 * pq + pv  # Bᵀ p
             return push, mv(drive, u) + mv(gain, push)
 
-        push, price = stage(one)
+        push, price = barrier(one)
 
         def two() -> Pair:
             pull = mtv(costs, u - mv(E, price))  # Hᵀ u = Aᵀ P B u
             return pq + pull[:6], pq + pv + pull[6:]
 
-        return stage(two), push
+        return barrier(two), push
 
     zero = jp.zeros_like(free[0])
     pushes = jax.lax.scan(back, (zero, zero), (factors, effects, free), reverse=True)[1]
@@ -183,9 +183,9 @@ def solve(stage: Stage, factors: Factors, effects: jax.Array, free: jax.Array) -
     def on(x: Pair, at: Any) -> tuple[Any, jax.Array]:
         (gain, drive, costs), E, u, push = at
         q, v = x
-        h = stage(lambda: push + mv(costs, jp.concatenate([q, v])))
-        price = stage(lambda: mv(drive, u) + mv(gain, h))
+        h = barrier(lambda: push + mv(costs, jp.concatenate([q, v])))
+        price = barrier(lambda: mv(drive, u) + mv(gain, h))
         a = u - mv(E, price)
-        return stage(lambda: (q + v + 0.5 * a, v + a)), price
+        return barrier(lambda: (q + v + 0.5 * a, v + a)), price
 
     return jax.lax.scan(on, (zero, zero), (factors, effects, free, pushes))[1]

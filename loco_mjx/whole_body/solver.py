@@ -16,7 +16,7 @@ import jax.numpy as jp
 import numpy as np
 
 from loco_mjx.physics.batch import together
-from loco_mjx.physics.stage import Stage, add_up
+from loco_mjx.physics.xla import FusionBarrier, add_up
 from loco_mjx.whole_body import pyramid, riccati
 from loco_mjx.whole_body.config import Mpc
 from loco_mjx.whole_body.controller import Solution, Solver
@@ -127,33 +127,33 @@ def _pull(effect: jax.Array, costs: jax.Array) -> jax.Array:
     return add_up(effect[:, d] * costs[:, d, None, None] for d in range(6))
 
 
-def _amiss(mpc: Mpc, stage: Stage, terms: Terms, point: Point) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _amiss(mpc: Mpc, barrier: FusionBarrier, terms: Terms, point: Point) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The cost's slope (H, 4, 3, N), all complementarity (N,), and the bound (N,) on what forces are off."""
-    made = stage(lambda: _push(terms.effect, point.forces) - terms.gravity)
+    made = barrier(lambda: _push(terms.effect, point.forces) - terms.gravity)
     costs = riccati.curved(terms.weights, made)
-    pulled = stage(lambda: _pull(terms.effect, costs + terms.lean))
-    slope = stage(lambda: point.forces + pulled)
-    gradient = stage(lambda: slope + pyramid.transposed(mpc.friction, point.price))
-    total = stage(lambda: _fold(jp.add, point.slack * point.price))
-    bound = stage(lambda: jp.sqrt(_fold(jp.add, gradient * gradient)) + jp.sqrt(2 * total))
+    pulled = barrier(lambda: _pull(terms.effect, costs + terms.lean))
+    slope = barrier(lambda: point.forces + pulled)
+    gradient = barrier(lambda: slope + pyramid.transposed(mpc.friction, point.price))
+    total = barrier(lambda: _fold(jp.add, point.slack * point.price))
+    bound = barrier(lambda: jp.sqrt(_fold(jp.add, gradient * gradient)) + jp.sqrt(2 * total))
     return slope, total, bound
 
 
-def _newton(mpc: Mpc, stage: Stage, terms: Terms, point: Point, slope: jax.Array) -> Newton:
+def _newton(mpc: Mpc, barrier: FusionBarrier, terms: Terms, point: Point, slope: jax.Array) -> Newton:
     """The way to where the gradient vanishes and slack · price is less than none by a given amount (H, 4, 6, N)."""
     G, (_, slack, price) = terms.effect, point
-    block = stage(lambda: pyramid.block(mpc.friction, price / slack))
-    K = stage(pyramid.inverse, block)
-    GK = stage(lambda: add_up(G[:, :, :, k, None] * K[:, None, :, k] for k in range(3)))
-    effects = stage(lambda: add_up(GK[:, :, None, i, j] * G[:, None, :, i, j] for i in range(4) for j in range(3)))
-    factors = riccati.factor(stage, terms.weights, effects)
+    block = barrier(lambda: pyramid.block(mpc.friction, price / slack))
+    K = barrier(pyramid.inverse, block)
+    GK = barrier(lambda: add_up(G[:, :, :, k, None] * K[:, None, :, k] for k in range(3)))
+    effects = barrier(lambda: add_up(GK[:, :, None, i, j] * G[:, None, :, i, j] for i in range(4) for j in range(3)))
+    factors = riccati.factor(barrier, terms.weights, effects)
 
     def direction(more: jax.Array) -> Point:
-        wanted = stage(lambda: pyramid.transposed(mpc.friction, more / slack) - slope)
-        costs = riccati.solve(stage, factors, effects, stage(lambda: _push(GK, wanted)))
-        forces, rows = stage(lambda: pyramid.solve(mpc.friction, block, wanted - _pull(G, costs)))
+        wanted = barrier(lambda: pyramid.transposed(mpc.friction, more / slack) - slope)
+        costs = riccati.solve(barrier, factors, effects, barrier(lambda: _push(GK, wanted)))
+        forces, rows = barrier(lambda: pyramid.solve(mpc.friction, block, wanted - _pull(G, costs)))
         change = -rows * terms.pushes
-        return Point(forces, change, stage(lambda: -price - (more + price * change) / slack))
+        return Point(forces, change, barrier(lambda: -price - (more + price * change) / slack))
 
     return direction
 
@@ -164,24 +164,24 @@ def _far(values: jax.Array, change: jax.Array) -> jax.Array:
     return _fold(jp.minimum, jp.where(shrinks, -values / jp.where(shrinks, change, -1.0), 1e9))
 
 
-def _step(mpc: Mpc, stage: Stage, terms: Terms, point: Point, amiss: Any, floor: float) -> Point:
+def _step(mpc: Mpc, barrier: FusionBarrier, terms: Terms, point: Point, amiss: Any, floor: float) -> Point:
     """One iteration."""
     slope, total, _ = amiss
     _, slack, price = point
     gap = total / terms.number
-    direction = _newton(mpc, stage, terms, point, slope)
+    direction = _newton(mpc, barrier, terms, point, slope)
     there = direction(jp.zeros_like(slack))
 
     def reached() -> jax.Array:
         some, more = (jp.minimum(1.0, _far(a, b)) for a, b in zip(point[1:], there[1:], strict=True))
         return _fold(jp.add, (slack + some * there.slack) * (price + more * there.price)) / terms.number
 
-    after = stage(reached)
+    after = barrier(reached)
     center = jp.maximum(jp.clip(after / jp.maximum(gap, SOLVED), 0.0, 1.0) ** 3 * gap, floor)
-    change = direction(stage(lambda: (there.slack * there.price - center) * terms.pushes))
-    far = stage(lambda: jp.minimum(_far(slack, change.slack), _far(price, change.price)))
+    change = direction(barrier(lambda: (there.slack * there.price - center) * terms.pushes))
+    far = barrier(lambda: jp.minimum(_far(slack, change.slack), _far(price, change.price)))
     size = jp.minimum(1.0, STAY * far)
-    return stage(lambda: Point(*(a + size * b for a, b in zip(point, change, strict=True))))
+    return barrier(lambda: Point(*(a + size * b for a, b in zip(point, change, strict=True))))
 
 
 def _solve(mpc: Mpc, iterations: int, floor: float, program: Problem) -> Solution:
@@ -189,17 +189,17 @@ def _solve(mpc: Mpc, iterations: int, floor: float, program: Problem) -> Solutio
     terms = _terms(mpc, program)
     start = _start(mpc, program, terms.pushes)
 
-    def better(stage: Stage, point: Point, best: tuple[jax.Array, jax.Array]) -> tuple[Any, tuple[Any, Any]]:
-        amiss = _amiss(mpc, stage, terms, point)
+    def better(barrier: FusionBarrier, point: Point, best: tuple[jax.Array, jax.Array]) -> tuple[Any, tuple[Any, Any]]:
+        amiss = _amiss(mpc, barrier, terms, point)
         nearer = amiss[2] < best[1]
         return amiss, (jp.where(nearer, point.forces, best[0]), jp.where(nearer, amiss[2], best[1]))
 
     def body(i: jax.Array, carry: tuple[Point, Any]) -> tuple[Point, Any]:
-        stage, (point, best) = Stage(i >= 0), carry
-        amiss, best = better(stage, point, best)
-        return _step(mpc, stage, terms, point, amiss, floor), best
+        barrier, (point, best) = FusionBarrier(i >= 0), carry
+        amiss, best = better(barrier, point, best)
+        return _step(mpc, barrier, terms, point, amiss, floor), best
 
     worst = jp.full_like(program.weight, jp.inf)
     point, best = jax.lax.fori_loop(0, iterations, body, (start, (start.forces, worst)))
-    forces, bound = better(Stage(), point, best)[1]
+    forces, bound = better(FusionBarrier(), point, best)[1]
     return Solution(forces * terms.pushes, bound < TOLERANCE, jp.full(bound.shape, iterations, jp.int32))

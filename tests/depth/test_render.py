@@ -18,6 +18,8 @@ from loco_mjx.depth.render import _gather, look, render, trace
 from loco_mjx.scene.types import Boxes, Cylinders, Scene, Spheres, Terrain
 from tests.known_robots import A1
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 CONFIG = DepthConfig()
 AHEAD = 0.2309  # the camera ahead of the base
 HALF = np.sqrt(0.5)

@@ -11,7 +11,7 @@ from loco_mjx import make_env
 from loco_mjx.config import ActionConfig, DepthConfig, EnvConfig, ObservationConfig, RandomizationConfig
 from loco_mjx.env import autoreset
 from loco_mjx.errors import UnknownNameError
-from loco_mjx.physics.step import Outcome
+from loco_mjx.physics.step import SubstepTrace
 from tests.known_robots import A1
 
 HORIZON = 6
@@ -199,6 +199,6 @@ def test_what_physics_could_not_feel_is_a_metric(other):
     state = jax.tree.map(lambda x: x[0], reset(jax.random.PRNGKey(0)))
     world, zero = state.pipeline_state, jp.zeros(())
     trace = [jp.tile(x, (17, 1)) for x in (world.physics.qpos[7:], world.physics.qpos[3:7], world.physics.qvel[3:6])]
-    outcome = Outcome(zero, zero > 0, jp.int32(3), *trace)
+    outcome = SubstepTrace(zero, zero > 0, jp.int32(3), *trace)
     after = jax.jit(env.conclude)(state, world.scene, world.physics, outcome, jp.zeros(12))
     assert after.metrics["contacts/dropped"] == 3.0 and set(after.metrics) == set(state.metrics)

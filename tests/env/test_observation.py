@@ -4,6 +4,7 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
+from loco_mjx import rotations
 from loco_mjx.config import ObservationConfig
 from loco_mjx.env import observation
 from tests.known_robots import A1
@@ -23,7 +24,7 @@ def _quaternion(roll=0.0, pitch=0.0, yaw=0.0):
 
 @pytest.mark.parametrize("yaw", [0.0, 1.3])
 def test_roll_and_pitch_do_not_depend_on_yaw(yaw):
-    angles = observation.roll_pitch(_quaternion(0.2, -0.3, yaw))
+    angles = rotations.roll_pitch(_quaternion(0.2, -0.3, yaw))
     np.testing.assert_allclose(angles, [0.2, -0.3], atol=1e-6)
 
 

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import PhysicsConfig
-from loco_mjx.physics import kinematics, slots
+from loco_mjx.physics import collision, kinematics
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from tests.known_robots import A1
+
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
 POSES = 200
 MARGIN = 2e-4  # m: closer calls than this may differ by rounding
@@ -38,12 +40,12 @@ def _ours(scene, qpos: np.ndarray, obstacle_slots: int) -> tuple[np.ndarray, np.
     """(POSES, 22) each sphere's smallest distance to what its slots hold; (POSES,) whether obstacles are touched."""
 
     def run(qpos):
-        near = jax.vmap(lambda q: slots.near(scene.replace(terrain=None), A1, q, PhysicsConfig()))(qpos)
+        near = jax.vmap(lambda q: collision.broadphase(scene.replace(terrain=None), A1, q, PhysicsConfig()))(qpos)
         near = jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), near)
         spread = lambda x: jp.broadcast_to(x, (POSES, *x.shape))  # noqa: E731
         near = near.replace(terrain=jax.tree.map(spread, scene.terrain))
         point = kinematics.sphere_centers(A1, qpos.T)
-        held = slots.touch(lambda f, *args: f(*args), near, A1, point, obstacle_slots)
+        held = collision.narrowphase(lambda f, *args: f(*args), near, A1, point, obstacle_slots)
         feet, knees = (jp.min(jp.stack([p.distance for p in planes]), axis=0) for planes in (held.feet, held.knees))
         return jp.concatenate([feet, held.hips.distance, knees, held.calves.distance, held.trunk.distance]).T, held.hit
 

@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import DepthConfig
-from loco_mjx.depth import camera, reference
+from loco_mjx.depth import c_mujoco, camera
 from loco_mjx.depth.render import render
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import Scene
 from tests.known_robots import A1
+
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
 CONFIG = DepthConfig()
 SCENES = 20
@@ -73,7 +75,7 @@ def expected(scene: Scene, pose: np.ndarray) -> np.ndarray:
     model = scene_spec(scene, A1).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    return reference.cast(model, data, pose, A1.camera, CONFIG)
+    return c_mujoco.cast(model, data, pose, A1.camera, CONFIG)
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -108,7 +110,11 @@ def test_reference_reads_known_distances() -> None:
     )
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    image = reference.cast(model, data, np.array([0.0, 0, 0.5, 1, 0, 0, 0]), A1.camera, CONFIG)
+    image = c_mujoco.cast(model, data, np.array([0.0, 0, 0.5, 1, 0, 0, 0]), A1.camera, CONFIG)
     np.testing.assert_allclose(image[:40], 2.0, atol=1e-9)
     np.testing.assert_allclose(image[63], 0.879772, rtol=1e-5)  # 0.5 / 0.568329
-    np.testing.assert_allclose(reference.directions(CONFIG).T[1:], camera.rays(CONFIG), atol=1e-6)
+    np.testing.assert_allclose(
+        c_mujoco.directions(CONFIG.height, CONFIG.width, CONFIG.vertical_fov, CONFIG.horizontal_fov).T[1:],
+        camera.rays(CONFIG),
+        atol=1e-6,
+    )

@@ -33,6 +33,8 @@ from tests.physics.world import (
     trot_targets,
 )
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 GAIT = (world.GAIT_KP, world.GAIT_KD)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import DepthConfig, PhysicsConfig
-from loco_mjx.depth import reference
+from loco_mjx.depth import c_mujoco
 from loco_mjx.depth.render import render
 from loco_mjx.physics.kinematics import sphere_centers
 from loco_mjx.physics.model import build
@@ -21,6 +21,8 @@ from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.parts import make_boxes, make_scene
 from tests.known_robots import GO1, GO2
 from tests.physics.world import CONVERGED, GAIT_KD, GAIT_KP, c_rollout, flat_c_model, trot_targets
+
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
 STEPS = 20
 GO = pytest.mark.parametrize("robot", (GO1, GO2), ids=("go1", "go2"))
@@ -62,7 +64,7 @@ def test_a_trot_is_c_mujocos(robot):
     theirs = c_rollout(flat_c_model(robot), _standing(robot), targets, GAIT_KP, GAIT_KD)
     ours = _trotted(robot, targets)
     assert np.linalg.norm(ours[:, :3] - theirs[:, :3], axis=1).max() < 1e-4
-    assert np.ptp(theirs[:, 2]) > 0.05 and np.abs(np.diff(theirs[:, 0])).max() > 0.01  # it does trot, and jerkily
+    assert np.ptp(theirs[:, 2]) > 0.05  # it does trot
 
 
 def test_depth_is_seen_from_the_robots_own_camera():
@@ -74,7 +76,7 @@ def test_depth_is_seen_from_the_robots_own_camera():
     mujoco.mj_forward(model, data)
     pose = np.array([0.3, 0.1, 0.35, 0.98, 0.05, 0.12, 0.15], np.float32)
     seen = jax.jit(render, static_argnums=(2, 3))(scene, jp.asarray(pose), GO2.camera, config)
-    np.testing.assert_allclose(seen, reference.cast(model, data, pose, GO2.camera, config), atol=2e-3)
+    np.testing.assert_allclose(seen, c_mujoco.cast(model, data, pose, GO2.camera, config), atol=2e-3)
     data.qpos[:7] = pose / np.concatenate([np.ones(3), np.full(4, np.linalg.norm(pose[3:]))])
     mujoco.mj_forward(model, data)
     rotation = data.body("trunk").xmat.reshape(3, 3)

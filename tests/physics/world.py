@@ -13,7 +13,7 @@ import numpy as np
 
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.physics.model import PhysicsModel, build
-from loco_mjx.physics.step import Dynamics, Outcome, PhysicsState, control_step, initial_state, nominal_dynamics
+from loco_mjx.physics.step import Dynamics, PhysicsState, SubstepTrace, control_step, initial_state, nominal_dynamics
 from loco_mjx.robots import LEGS, Robot
 from loco_mjx.scene.types import STEP, Boxes, Cylinders, Scene, Spheres, Terrain
 from tests.known_robots import A1
@@ -92,7 +92,7 @@ def physics(iterations: Iterations) -> PhysicsModel:
 
 
 @functools.cache
-def stepper(iterations: Iterations) -> Callable[..., tuple[PhysicsState, Outcome]]:
+def stepper(iterations: Iterations) -> Callable[..., tuple[PhysicsState, SubstepTrace]]:
     """control_step of BATCH environments, compiled."""
     model = physics(iterations)
     return jax.jit(jax.vmap(lambda *args: control_step(model, *args)))
@@ -115,7 +115,7 @@ def rollout(
     targets: np.ndarray,
     dynamics: Sequence[Dynamics] | None = None,
     iterations: Iterations = DEFAULT,
-) -> tuple[PhysicsState, Outcome]:
+) -> tuple[PhysicsState, SubstepTrace]:
     """States after each control step and outcomes, leading axes (environments, steps), of up to BATCH environments.
 
     Args:

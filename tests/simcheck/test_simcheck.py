@@ -6,6 +6,7 @@ import dataclasses
 import io
 import json
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -14,7 +15,7 @@ from rich.console import Console
 
 from loco_mjx import make_env
 from loco_mjx.cli.main import main
-from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig
+from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig, with_robot
 from loco_mjx.deploy import export, folder
 from loco_mjx.env.state import State
 from loco_mjx.scene.mjcf import scene_spec
@@ -23,20 +24,26 @@ from loco_mjx.simcheck import replay, report
 from loco_mjx.simcheck.run import compare, run
 from loco_mjx.simcheck.sides import CSide, WatchedRobot, start
 from tests.deploy import flat, made
-from tests.known_robots import A1
+from tests.known_robots import A1, GO2
 from tests.physics import world
 
 HORIZON = 12
 BLIND = ObservationConfig(depth=DepthConfig(enabled=False))
 
 
-@pytest.fixture
-def policy(tmp_path, monkeypatch):
-    """A folder with a policy of random weights that flings its legs about."""
+@pytest.fixture(params=["a1", "go2 by its path"])
+def policy(tmp_path, monkeypatch, request):
+    """A folder with a policy of random weights that flings its legs about; the file of its robot is gone."""
+    robot = request.param
+    if robot != "a1":
+        robot = str(tmp_path / "mine.xml")
+        Path(robot).write_text(GO2.path.read_text().replace('model="go2"', 'model="mine"'))
     monkeypatch.setattr(export, "stablehlo", lambda policy: b"")
     random = made.policy("state-only")
     env = dataclasses.replace(random.config.env, observation=BLIND, horizon=HORIZON)
-    export.write(dataclasses.replace(random, config=dataclasses.replace(random.config, env=env)), tmp_path / "policy")
+    config = with_robot(dataclasses.replace(random.config, env=env), robot)
+    export.write(dataclasses.replace(random, config=config), tmp_path / "policy")
+    Path(robot).unlink(missing_ok=True)
     return tmp_path / "policy"
 
 
