@@ -24,7 +24,7 @@ from loco_mjx.whole_body.mpc import GRAVITY, Problem
 
 ITERATIONS = 18  # most programs take 8, those of a robot that is pushed hard or falls up to 16
 STAY = 0.95  # part of the way to the nearest bound that a step may go
-FLOOR = 1e-5  # N², complementarity of a row that is aimed at, at least; in float32 less is lost in rounding
+FLOOR = 1e-7  # N², complementarity of a row that is aimed at, at least; in float32 less is lost in rounding
 START = 1e4  # N², complementarity of a row at the start
 TOLERANCE = 1.0  # N, of the bound
 SOLVED = 1e-9  # N², below which a gap is not divided by
