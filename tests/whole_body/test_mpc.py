@@ -68,7 +68,7 @@ def test_standing_still_asks_for_the_weight():
         np.float64(BODY.mass * mpc.GRAVITY),
     )
     forces = library.make_solver(cheap)(program).forces
-    np.testing.assert_allclose(forces[:, :, 2].sum(axis=1), BODY.mass * mpc.GRAVITY, rtol=0.02)
+    np.testing.assert_allclose(forces[:5, :, 2].sum(axis=1), BODY.mass * mpc.GRAVITY, rtol=0.01)
     np.testing.assert_allclose(forces[:, :, :2], 0.0, atol=0.5)
 
 
