@@ -14,8 +14,8 @@ from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx.bench.timing import seconds_in_turn
-from loco_mjx.mesh import AXIS, dividing, make_mesh, spread
 from loco_mjx.robots import DEFAULT, get_robot
+from loco_mjx.sharding import AXIS, dividing, make_mesh, spread
 from loco_mjx.whole_body import controller, gait, library, mpc, solver
 from loco_mjx.whole_body.config import TICK, WholeBodyConfig
 from loco_mjx.whole_body.legs import Body, body_of
