@@ -18,9 +18,8 @@ from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.display import PER_METRE
 from loco_mjx.mesh import AXIS, spread
-from loco_mjx.networks import hold
-from loco_mjx.networks.policies import DEPTH, Networks
-from loco_mjx.ppo.actor import make_inference
+from loco_mjx.networks.policies import Networks
+from loco_mjx.ppo.actor import Actor
 
 CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
 ACCELERATOR_CHUNK = 1024
@@ -101,31 +100,30 @@ class Evaluator:
 
     def _episodes(self, params: Any, normalizer: Any, keys: jax.Array) -> dict[str, jax.Array]:
         """One device's episodes: sums of metrics until each one's first `done`."""
-        act = make_inference(self.networks, params, normalizer, self.deterministic)
+        actor = Actor(self.networks, params, normalizer)
         start_keys, act_keys = jp.moveaxis(jax.vmap(jax.random.split)(keys), 1, 0)
         state = jax.vmap(self.env.reset)(start_keys)
         zero = jp.zeros(keys.shape[0], jp.float32)
         early = {name: metric for metric, name in EARLY.items() if metric in state.metrics}
         sums = dict.fromkeys((*state.metrics, *early, "return", "length", "survived"), zero)
 
-        held = None if self.networks.hold == 1 else state.obs[DEPTH]
-
         def more(carry: _Carry) -> jax.Array:
             return jp.any(carry[1]) & (carry[3] < self.horizon)
 
         def body(carry: _Carry) -> _Carry:
             state, alive, sums, t, held = carry
-            seen = hold.view(state.obs, held, t % self.networks.hold == 0)
             step_keys = jax.vmap(jax.random.fold_in, (0, None))(act_keys, t)
             # One key per environment, so that an episode does not depend on which others run beside it.
-            state = jax.vmap(self.env.step)(state, jax.vmap(act)(seen, step_keys))
+            keys_to_draw = None if self.deterministic else step_keys
+            action, held = jax.vmap(actor.act, (0, 0, None, 0))(state.obs, held, actor.refreshes(t), keys_to_draw)
+            state = jax.vmap(self.env.step)(state, action)
             survived = state.done * state.info["truncation"]
             values = state.metrics | {"return": state.reward, "length": jp.ones_like(zero), "survived": survived}
             values |= {name: jp.where(t < EARLY_STEPS, values[metric], 0.0) for name, metric in early.items()}
             sums = {name: sums[name] + jp.where(alive, values[name], 0.0) for name in sums}
-            return state, alive & (state.done == 0), sums, t + 1, None if held is None else seen[DEPTH]
+            return state, alive & (state.done == 0), sums, t + 1, held
 
-        carry = (state, jp.ones(keys.shape[0], bool), sums, jp.zeros((), jp.int32), held)
+        carry = (state, jp.ones(keys.shape[0], bool), sums, jp.zeros((), jp.int32), actor.first_held(state.obs))
         return jax.lax.while_loop(more, body, carry)[2]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -12,10 +11,9 @@ from flax import struct
 
 from loco_mjx.env import autoreset
 from loco_mjx.env.state import State
-from loco_mjx.networks import hold as hold_lib
 from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Params
 from loco_mjx.ppo import distribution, frame_stack
-from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.ppo.actor import Actor, finite, policy_input
 from loco_mjx.ppo.normalizer import Normalizer
 
 Metrics = dict[str, jax.Array]
@@ -56,21 +54,6 @@ class Rollout:
         return 1.0 - self.reset
 
 
-def finite(x: jax.Array) -> jax.Array:
-    """The array with 0 in place of what is not finite."""
-    return jp.where(jp.isfinite(x), x, 0.0)
-
-
-def policy_input(obs: Mapping[str, jax.Array], normalizer: Normalizer) -> dict[str, jax.Array]:
-    """An environment's observation as networks take it: finite, `state` normalised, depth as it is stored."""
-    result = {STATE: normalizer_lib.normalize(normalizer, finite(obs[STATE]))}
-    if DEPTH in obs:
-        result[DEPTH] = frame_stack.rounded(finite(obs[DEPTH]))
-    if PRIVILEGED in obs:
-        result[PRIVILEGED] = finite(obs[PRIVILEGED])
-    return result
-
-
 def collect(
     env: autoreset.ResettableEnv,
     networks: Networks,
@@ -98,12 +81,12 @@ def collect(
     """
     step = jax.vmap(lambda state, action: autoreset.step(env, state, action, pool))
     stored = partial(_stored, depth=networks.uses_depth)
+    actor = Actor(networks, params, normalizer)
 
     def body(carry: _Carry, t: jax.Array) -> tuple[_Carry, tuple[dict[str, Any], Metrics]]:
         state, held = carry
-        due = (t % networks.hold == 0) | (state.info["reset"] > 0)
-        seen = hold_lib.view(policy_input(state.obs, normalizer), held, due)
-        outputs = networks.apply(params, seen)
+        refresh = actor.refreshes(t) | (state.info["reset"] > 0)  # on the window's clock
+        outputs, held = actor.decide(state.obs, held, refresh)
         step_keys = jax.vmap(jax.random.fold_in, (0, None))(keys, t)
         action = jax.vmap(distribution.sample)(step_keys, outputs.mean, outputs.log_std)
         after = step(state, jp.tanh(action))
@@ -116,10 +99,10 @@ def collect(
             "done": after.done,
             "reset": after.info["reset"],
         }
-        return (after, None if held is None else seen[DEPTH]), (row | stored(state), _sums(after))
+        return (after, held), (row | stored(state), _sums(after))
 
-    held = None if networks.hold == 1 else jp.zeros_like(env_state.obs[DEPTH])
-    (last, _), (rows, sums) = jax.lax.scan(body, (env_state, held), jp.arange(unroll, dtype=jp.int32))
+    start = (env_state, actor.first_held(env_state.obs))
+    (last, _), (rows, sums) = jax.lax.scan(body, start, jp.arange(unroll, dtype=jp.int32))
     value = networks.apply(params, policy_input(last.obs, normalizer)).value
     for name, final in ({"value": value} | stored(last)).items():
         rows[name] = jp.concatenate([rows[name], final[None]])

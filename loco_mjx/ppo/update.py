@@ -61,7 +61,7 @@ class Experience:
         stored = self.rollout.frames
         if stored is not None and self.starts is not None:
             count = stored.shape[0] - self.rollout.reward.shape[0]
-            seen = hold_lib.seen_step(step, self.starts[step, column], self.hold)
+            seen = hold_lib.refresh_step(step, self.starts[step, column], self.hold)
             obs[DEPTH] = frame_stack.stack(stored, self.starts, seen, column, count)
         if self.rollout.privileged is not None:
             obs[PRIVILEGED] = self.rollout.privileged[step, column]

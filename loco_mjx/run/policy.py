@@ -16,6 +16,7 @@ from loco_mjx.env import privileged
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import Networks, make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.ppo.actor import Actor
 from loco_mjx.run import checkpoint, directory, needs
 
 
@@ -36,6 +37,11 @@ class TrainedPolicy:
     params: Any
     normalizer: normalizer_lib.Normalizer
     samples: int
+
+    @property
+    def actor(self) -> Actor:
+        """The same, ready to act."""
+        return Actor(self.networks, self.params, self.normalizer)
 
 
 def load_policy(path: Path) -> TrainedPolicy:

@@ -14,9 +14,7 @@ from loco_mjx.depth.encoding import decode
 from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import evaluation_config
-from loco_mjx.networks import hold
 from loco_mjx.networks.policies import DEPTH
-from loco_mjx.ppo.rollout import policy_input
 from loco_mjx.run.policy import TrainedPolicy, observation_shapes
 from loco_mjx.scene.types import Scene
 
@@ -61,7 +59,7 @@ class Agent:
             raise UserError("there is no policy to run; accepted: the directory of a run, or the zero or random agent")
         self.kind, self.policy = kind, policy if kind == "policy" else None
         self._config: Config = policy.config if policy is not None else preset("fast")
-        self.hold = self.policy.networks.hold if self.policy is not None else 1
+        self.actor = self.policy.actor if self.policy is not None else None
 
     def env_config(self, task: str | None = None) -> EnvConfig:
         """The environment to act in: the policy's own or the default, without randomisation."""
@@ -77,14 +75,16 @@ class Agent:
         apply = self.policy.networks.apply
         return jax.eval_shape(lambda obs: apply(self.policy.params, obs), obs).attention is not None  # type: ignore[union-attr]
 
-    def act(self, obs: dict[str, jax.Array], key: jax.Array, size: int) -> tuple[jax.Array, jax.Array | None]:
-        """(size,) action in [−1, 1], and the attention if there is any."""
+    def act(
+        self, obs: dict[str, jax.Array], held: jax.Array | None, step: jax.Array, key: jax.Array, size: int
+    ) -> tuple[jax.Array, jax.Array | None, jax.Array | None]:
+        """(size,) action in [−1, 1] at a step of the episode, the attention if there is any, and the depth held."""
         if self.kind == "zero":
-            return jp.zeros(size), None
-        if self.policy is None:
-            return jax.random.uniform(key, (size,), minval=-1.0, maxval=1.0), None  # action = +U(−1, 1)
-        outputs = self.policy.networks.apply(self.policy.params, policy_input(obs, self.policy.normalizer))
-        return jp.tanh(outputs.mean), outputs.attention
+            return jp.zeros(size), None, None
+        if self.actor is None:
+            return jax.random.uniform(key, (size,), minval=-1.0, maxval=1.0), None, None  # action = +U(−1, 1)
+        outputs, held = self.actor.decide(obs, held, self.actor.refreshes(step))
+        return jp.tanh(outputs.mean), outputs.attention, held
 
 
 class Rollout:
@@ -131,14 +131,12 @@ class Rollout:
         key = jax.random.fold_in(jax.random.PRNGKey(self.seed), self.episode)
         start, self._key = jax.random.split(key)
         self._state = self._reset(start)
-        self._held, self._distance = self._state.obs.get(DEPTH), 0.0
+        actor, self._distance = self.agent.actor, 0.0
+        self._held = actor.first_held(self._state.obs) if actor is not None else None
         return self._look()
 
     def _decide(self, obs: Any, held: Any, step: jax.Array, key: jax.Array) -> tuple[jax.Array, Any, Any]:
-        held = held if self.agent.hold > 1 else None
-        seen = hold.view(obs, held, step % self.agent.hold == 0)
-        action, attention = self.agent.act(seen, jax.random.fold_in(key, step), self.env.action_size)
-        return action, attention, seen.get(DEPTH)
+        return self.agent.act(obs, held, step, jax.random.fold_in(key, step), self.env.action_size)
 
     def _look(self) -> Moment:
         state = self._state

@@ -67,6 +67,6 @@ def test_the_view_changes_on_the_windows_clock_and_at_an_episodes_start(held):
     assert changed[clock].any() and changed[fresh].any()
 
 
-def test_seen_step_by_hand():
+def test_refresh_step_by_hand():
     step, start = jp.array([0, 3, 5, 7, 7, 10]), jp.array([-3, -3, -3, 6, 2, 10])
-    np.testing.assert_array_equal(hold.seen_step(step, start, 4), [0, 0, 4, 6, 4, 10])
+    np.testing.assert_array_equal(hold.refresh_step(step, start, 4), [0, 0, 4, 6, 4, 10])
