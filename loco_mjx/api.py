@@ -137,8 +137,8 @@ class Policy:
     def __init__(self, policy: TrainedPolicy) -> None:
         """Takes a policy as :func:`loco_mjx.deploy.trained.load` gives it."""
         self.config, self.samples = policy.config, policy.samples
-        self._actor = policy.actor
-        self._act = jax.jit(self._actor.act)
+        self._mean, self._drawn = policy.actor(), policy.actor(deterministic=False)
+        self._act_by_mean, self._draw = jax.jit(self._mean.act), jax.jit(self._drawn.act)
         self.reset()
 
     def reset(self) -> None:
@@ -159,13 +159,14 @@ class Policy:
         Raises:
             UserError: if a part of the observation that it reads is missing.
         """
-        read = {"state": True, "pixels/depth": self._actor.networks.uses_depth}
+        read = {"state": True, "pixels/depth": self._mean.networks.uses_depth}
         missing = next((name for name, used in read.items() if used and name not in obs), None)
         if missing is not None:
             raise UserError(f"the observation has no '{missing}'; accepted: what loco_mjx.make_env's environments give")
         given = {name: jax.numpy.asarray(obs[name]) for name in obs}
-        held = self._actor.first_held(given) if self._held is None else self._held
-        action, self._held = self._act(given, held, self._actor.refreshes(jax.numpy.asarray(self._step)), key)
+        held = self._mean.start(given) if self._held is None else self._held
+        act = self._act_by_mean if key is None else self._draw
+        action, self._held = act(given, held, jax.numpy.asarray(self._step), key)
         self._step += 1
         return np.asarray(action)
 

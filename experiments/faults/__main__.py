@@ -52,7 +52,7 @@ def main() -> int:
             keep(
                 options.out,
                 name,
-                found | {"seed": options.seed, "about": provenance.about(["experiments.faults", name])},
+                found | {"seed": options.seed, "about": provenance.describe(["experiments.faults", name])},
             )
             print(name, {key: value for key, value in found.items() if key != "problems"}, flush=True)
             print(*found["problems"], sep="\n", flush=True)

@@ -102,7 +102,7 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
     console = Output()
     if not gave_total(options, args):
         totals = [run.ppo.total_steps for run in found if run is not None]
-        total = int(multihost.shared(str(max(totals) if totals else default_total(config, len(runs)))))
+        total = int(multihost.broadcast(str(max(totals) if totals else default_total(config, len(runs)))))
         runs = [dataclasses.replace(run, config=settings.with_total(run.config, total)) for run in runs]
     for run, there in zip(runs, found, strict=True):
         if there is not None:

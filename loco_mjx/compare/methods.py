@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rich.table import Table
 
 from loco_mjx.compare import paper
-from loco_mjx.evaluation.display import LEADING, NOTHING, PER_METRE, Shown
+from loco_mjx.evaluation.display import LEADING, NOTHING, PER_METRE, DisplayedMetric
 from loco_mjx.run import results
 from loco_mjx.run.results import Evaluation, OverSeeds, Run
 
@@ -45,7 +45,7 @@ class Method:
             return None
         return results.over_seeds([one.metrics[metric] for one in self.evaluations])
 
-    def figure(self, shown: Shown) -> str:
+    def figure(self, shown: DisplayedMetric) -> str:
         """A metric in words: mean ± standard deviation over seeds; of one seed the mean."""
         found = self.over_seeds(shown.name)
         if found is None:

@@ -20,7 +20,6 @@ from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
 from loco_mjx.networks.policies import POLICIES
 from loco_mjx.networks.policies import STATE as STATE_KEY
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.ppo.actor import make_inference
 from loco_mjx.run import provenance
 from loco_mjx.run.directory import read_json, write_json
 from loco_mjx.run.policy import TrainedPolicy, observation_shapes
@@ -102,7 +101,7 @@ def inputs(policy: TrainedPolicy) -> dict[str, tuple[int, ...]]:
 
 def target_function(policy: TrainedPolicy) -> Callable[..., jax.Array]:
     """The policy in JAX: (..., n) `state` and (..., H, W, frames) `depth`, as read, to (..., 12) targets in rad."""
-    act = make_inference(policy.networks, policy.params, policy.normalizer)
+    actor = policy.actor()
     names = tuple(inputs(policy))
     size = policy.config.env.observation.state_size
 
@@ -110,7 +109,7 @@ def target_function(policy: TrainedPolicy) -> Callable[..., jax.Array]:
         obs = {KEYS[name]: array for name, array in zip(names, arrays, strict=True)}
         if STATE_KEY not in obs:  # whoever reads depth alone
             obs[STATE_KEY] = jp.zeros((*obs[DEPTH_KEY].shape[:-3], size))
-        action = act(obs, jax.random.PRNGKey(0))
+        action, _ = actor.act(obs)
         if policy.config.env.action.diagonal:
             right, left = action[..., :3], action[..., 3:]
             action = jp.concatenate([right, left, left, right], axis=-1)

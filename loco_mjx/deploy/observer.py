@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from loco_mjx.deploy.depth_hold import DepthHold
 from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.deploy.folder import Camera, Manifest
 from loco_mjx.deploy.robot import Frame, Sensors
@@ -63,9 +64,8 @@ class Observer:
         self._manifest = manifest
         self._history: dict[str, np.ndarray] = {}
         self._stack: np.ndarray | None = None
-        self._held: np.ndarray | None = None
+        self._held = DepthHold(manifest.hold)
         self._position: np.ndarray | None = None
-        self._ticks = 0
 
     def observe(self, sensors: Sensors, frame: Frame | None, targets: np.ndarray) -> dict[str, np.ndarray]:
         """The observation of the next tick.
@@ -85,7 +85,6 @@ class Observer:
             obs[STATE] = np.concatenate(parts).astype(np.float32)
         if frame is not None:
             obs[DEPTH] = self._seen(frame)
-        self._ticks += 1
         return obs
 
     def _measured(self, sensors: Sensors, targets: np.ndarray) -> dict[str, np.ndarray]:
@@ -112,6 +111,4 @@ class Observer:
         newest = encode(frame.depth, camera)[..., None]
         past = np.repeat(newest, camera.frames, axis=-1) if self._stack is None else self._stack
         self._stack = np.concatenate([newest, past[..., :-1]], axis=-1)
-        if self._held is None or self._ticks % self._manifest.hold == 0:
-            self._held = self._stack
-        return self._held
+        return self._held(self._stack)

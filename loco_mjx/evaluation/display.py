@@ -1,4 +1,4 @@
-"""Which metrics of an evaluation people are shown, in which order: what matters first, nothing that says nothing."""
+"""Which metrics of an evaluation are displayed, and in which order: the most important first, empty ones left out."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TWINS = {"progress": "distance", "contacts": "collisions"}
 
 
 @dataclass(frozen=True)
-class Shown:
+class DisplayedMetric:
     """A metric as it is shown.
 
     Attributes:
@@ -46,28 +46,28 @@ class Shown:
         return "" if figures is None else f"{figures['std']:.{self.digits}f}"
 
 
-DISTANCE = Shown("distance", "distance", "m")
+DISTANCE = DisplayedMetric("distance", "distance", "m")
 LEADING = (
     DISTANCE,
-    Shown("collisions", "collisions", _STEPS, 1),
-    Shown(PER_METRE, "collisions per metre"),
-    Shown("speed", "mean speed", "m/s"),
-    Shown("return", "return", digits=1),
-    Shown("length", "length", _STEPS, 1),
-    Shown("survived", "falls", "of the episodes", inverse=True),
-    Shown("distance_16s", "distance, first 16 s", "m"),
-    Shown("collisions_16s", "collisions, first 16 s", _STEPS, 1),
+    DisplayedMetric("collisions", "collisions", _STEPS, 1),
+    DisplayedMetric(PER_METRE, "collisions per metre"),
+    DisplayedMetric("speed", "mean speed", "m/s"),
+    DisplayedMetric("return", "return", digits=1),
+    DisplayedMetric("length", "length", _STEPS, 1),
+    DisplayedMetric("survived", "falls", "of the episodes", inverse=True),
+    DisplayedMetric("distance_16s", "distance, first 16 s", "m"),
+    DisplayedMetric("collisions_16s", "collisions, first 16 s", _STEPS, 1),
 )
 FOLLOWING = (
-    Shown("progress", "progress to the goal", "m"),
-    Shown("contacts", "contacts", _STEPS, 1),
-    Shown("spheres", "spheres"),
-    Shown("nonfinite", "non-finite states"),
+    DisplayedMetric("progress", "progress to the goal", "m"),
+    DisplayedMetric("contacts", "contacts", _STEPS, 1),
+    DisplayedMetric("spheres", "spheres"),
+    DisplayedMetric("nonfinite", "non-finite states"),
 )
 UNITS = {"distance": "m", "progress": "m", "speed": "m/s"} | dict.fromkeys(("length", "collisions", "contacts"), _STEPS)
 
 
-def order(metrics: Mapping[str, Mapping[str, Any]], task: str) -> tuple[list[Shown], list[str]]:
+def order(metrics: Mapping[str, Mapping[str, Any]], task: str) -> tuple[list[DisplayedMetric], list[str]]:
     """What is shown of metrics, and the names of those left out because they were zero in every episode.
 
     Args:
@@ -86,7 +86,7 @@ def order(metrics: Mapping[str, Mapping[str, Any]], task: str) -> tuple[list[Sho
         if _zero(metrics[name]) and not (task.endswith("-sphere") and "sphere" in name):
             zero.append(name)
         else:
-            shown.append(known.get(name, Shown(name, name)))
+            shown.append(known.get(name, DisplayedMetric(name, name)))
     return shown, zero
 
 

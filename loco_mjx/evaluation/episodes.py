@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jp
 import numpy as np
+from flax import struct
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
@@ -19,7 +21,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.evaluation.display import PER_METRE
 from loco_mjx.mesh import AXIS, spread
 from loco_mjx.networks.policies import Networks
-from loco_mjx.ppo.actor import Actor
+from loco_mjx.ppo.actor import Actor, Held
 
 CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
 ACCELERATOR_CHUNK = 1024
@@ -28,8 +30,7 @@ EARLY_STEPS = round(EARLY_SECONDS / a1.CONTROL_DT)
 EARLY = {"distance": "distance_16s", "collisions": "collisions_16s"}  # metrics that are also summed over that time
 WALKED = 1.0  # m, mean distance below which collisions per metre say nothing
 Figures = dict[str, np.ndarray]
-# The environments, which episodes go on, sums of metrics, the step, and the depth that the policy holds.
-_Carry = tuple[State, jax.Array, dict[str, jax.Array], jax.Array, jax.Array | None]
+_Carry = tuple[State, "Tally", Held]
 
 
 def evaluation_config(config: EnvConfig, task: str | None = None, randomize: bool = False) -> EnvConfig:
@@ -50,8 +51,46 @@ def evaluation_config(config: EnvConfig, task: str | None = None, randomize: boo
     )
 
 
+def keys_of(seed: int, episode: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Keys of a seed's episode: of its start, and of the actions where they are drawn. Its number alone decides."""
+    start, actions = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), episode))
+    return start, actions
+
+
+@struct.dataclass
+class Tally:
+    """Sums of metrics over episodes that run side by side, each until its first `done`.
+
+    Attributes:
+        sums: (episodes,) of each metric, and of `return`, `length` and `survived`.
+        alive: (episodes,) bool, which episodes go on.
+        step: () int32 control steps taken.
+    """
+
+    sums: dict[str, jax.Array]
+    alive: jax.Array
+    step: jax.Array
+
+    @classmethod
+    def start(cls, state: State) -> Tally:
+        """Nothing has happened yet; `state` is the episodes' first."""
+        zero = jp.zeros(state.done.shape, jp.float32)
+        early = [metric for name, metric in EARLY.items() if name in state.metrics]
+        sums = dict.fromkeys((*state.metrics, *early, "return", "length", "survived"), zero)
+        return cls(sums, jp.ones(zero.shape, bool), jp.zeros((), jp.int32))
+
+    def add(self, state: State) -> Tally:
+        """Counts a control step, after which the episodes are in `state`."""
+        survived = state.done * state.info["truncation"]
+        values = state.metrics | {"return": state.reward, "length": jp.ones_like(state.reward), "survived": survived}
+        early = {metric: name for name, metric in EARLY.items() if metric in self.sums}
+        values |= {metric: jp.where(self.step < EARLY_STEPS, values[name], 0.0) for metric, name in early.items()}
+        sums = {name: total + jp.where(self.alive, values[name], 0.0) for name, total in self.sums.items()}
+        return Tally(sums, self.alive & (state.done == 0), self.step + 1)
+
+
 class Evaluator:
-    """Episodes of one environment, side by side, spread over the mesh; compiled once per number of episodes."""
+    """Episodes of one environment, side by side, sharded over the mesh; compiled once per number of episodes."""
 
     def __init__(self, env: Any, networks: Networks, horizon: int, mesh: Mesh, deterministic: bool = True) -> None:
         """Prepares the program.
@@ -65,7 +104,7 @@ class Evaluator:
         """
         self.env, self.networks, self.horizon, self.mesh = env, networks, horizon, mesh
         self.deterministic = deterministic
-        self._run = jax.jit(spread(self._share, mesh, (P(), P(), P()), P()))
+        self._run = jax.jit(spread(self._on_device, mesh, (P(), P(), P()), P()))
 
     def run(self, params: Any, normalizer: Any, seed: int, episodes: int) -> Figures:
         """Each metric of each episode, (episodes,); episode i is the same whatever their number.
@@ -87,44 +126,38 @@ class Evaluator:
         chunk = -(-chunk // devices) * devices  # the devices share it evenly; what is too much is run and left out
         total = -(-episodes // chunk) * chunk
         params, normalizer = jax.device_put((params, normalizer), NamedSharding(self.mesh, P()))
-        root = jax.random.PRNGKey(seed)
-        keys = jax.vmap(jax.random.fold_in, (None, 0))(root, jp.arange(total))
-        parts = [self._run(params, normalizer, keys[start : start + chunk]) for start in range(0, total, chunk)]
+        keys = jax.vmap(partial(keys_of, seed))(jp.arange(total))
+        parts = [
+            self._run(params, normalizer, jax.tree.map(lambda key, first=first: key[first : first + chunk], keys))
+            for first in range(0, total, chunk)
+        ]
         sums = {name: np.concatenate([np.asarray(part[name]) for part in parts])[:episodes] for name in parts[0]}
         return figures(sums)
 
-    def _share(self, params: Any, normalizer: Any, keys: jax.Array) -> dict[str, jax.Array]:
-        """Everyone's episodes, of which this device runs its share; all hold the result, whoever asks for it."""
-        own = keys.reshape(self.mesh.size, -1, *keys.shape[1:])[jax.lax.axis_index(AXIS)]
-        return jax.lax.all_gather(self._episodes(params, normalizer, own), AXIS, tiled=True)
+    def _on_device(self, params: Any, normalizer: Any, keys: Any) -> dict[str, jax.Array]:
+        """All episodes, of which each device runs as many; every device has the whole result."""
+        device = jax.lax.axis_index(AXIS)
+        own = jax.tree.map(lambda key: key.reshape(self.mesh.size, -1, *key.shape[1:])[device], keys)
+        return jax.lax.all_gather(self._episodes(params, normalizer, *own), AXIS, tiled=True)
 
-    def _episodes(self, params: Any, normalizer: Any, keys: jax.Array) -> dict[str, jax.Array]:
-        """One device's episodes: sums of metrics until each one's first `done`."""
-        actor = Actor(self.networks, params, normalizer)
-        start_keys, act_keys = jp.moveaxis(jax.vmap(jax.random.split)(keys), 1, 0)
-        state = jax.vmap(self.env.reset)(start_keys)
-        zero = jp.zeros(keys.shape[0], jp.float32)
-        early = {name: metric for metric, name in EARLY.items() if metric in state.metrics}
-        sums = dict.fromkeys((*state.metrics, *early, "return", "length", "survived"), zero)
+    def _episodes(self, params: Any, normalizer: Any, start: jax.Array, actions: jax.Array) -> dict[str, jax.Array]:
+        """One device's episodes, from (episodes, ...) keys: sums of metrics until each one's first `done`."""
+        actor = Actor(self.networks, params, normalizer, self.deterministic)
+        state = jax.vmap(self.env.reset)(start)
 
         def more(carry: _Carry) -> jax.Array:
-            return jp.any(carry[1]) & (carry[3] < self.horizon)
+            return jp.any(carry[1].alive) & (carry[1].step < self.horizon)
 
         def body(carry: _Carry) -> _Carry:
-            state, alive, sums, t, held = carry
-            step_keys = jax.vmap(jax.random.fold_in, (0, None))(act_keys, t)
+            state, tally, held = carry
             # One key per environment, so that an episode does not depend on which others run beside it.
-            keys_to_draw = None if self.deterministic else step_keys
-            action, held = jax.vmap(actor.act, (0, 0, None, 0))(state.obs, held, actor.refreshes(t), keys_to_draw)
+            keys = jax.vmap(jax.random.fold_in, (0, None))(actions, tally.step)
+            action, held = jax.vmap(actor.act, (0, 0, None, 0))(state.obs, held, tally.step, keys)
             state = jax.vmap(self.env.step)(state, action)
-            survived = state.done * state.info["truncation"]
-            values = state.metrics | {"return": state.reward, "length": jp.ones_like(zero), "survived": survived}
-            values |= {name: jp.where(t < EARLY_STEPS, values[metric], 0.0) for name, metric in early.items()}
-            sums = {name: sums[name] + jp.where(alive, values[name], 0.0) for name in sums}
-            return state, alive & (state.done == 0), sums, t + 1, held
+            return state, tally.add(state), held
 
-        carry = (state, jp.ones(keys.shape[0], bool), sums, jp.zeros((), jp.int32), actor.first_held(state.obs))
-        return jax.lax.while_loop(more, body, carry)[2]
+        carry = (state, Tally.start(state), actor.start(state.obs))
+        return jax.lax.while_loop(more, body, carry)[1].sums
 
 
 def figures(sums: Mapping[str, np.ndarray]) -> Figures:

@@ -205,7 +205,7 @@ class StateDepthConcat(nn.Module):
 class Hierarchical(nn.Module):
     """Two levels trained as one: vision → latent command; state and command → action (after Jain et al. 2020).
 
-    Whoever runs the policy holds the depth it is given for `config.hold` control steps (loco_mjx/networks/hold.py), and
+    Whoever runs the policy holds the depth it is given for `config.hold` control steps (loco_mjx/ppo/actor.py), and
     with it the command. The paper names neither the command's width nor its period; both are ours, as is training
     both levels by PPO at once and leaving out the trajectory generator.
 

@@ -1,20 +1,26 @@
-"""A policy that acts: in training, in evaluation, in pictures, from Python."""
+"""Acting with a policy: its input made of an observation, and the depth that it holds between control steps.
+
+A policy may hold the depth that it sees for several control steps, so that what it decides from depth lasts as long
+(`hrl`). The clock is whoever steps it: in training the rollout's step t, when the policy is run the episode's. Depth is
+read anew where t mod hold = 0 and at an episode's first step. What was held at any step of a rollout is therefore known
+from t and the episode's start (:func:`held_since`), and recomputed log-probabilities match.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import jax
 import jax.numpy as jp
 
-from loco_mjx.networks import hold
 from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Outputs, Params
 from loco_mjx.ppo import distribution, frame_stack
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.normalizer import Normalizer
 
-Act = Callable[[Mapping[str, jax.Array], jax.Array], jax.Array]
+Observation = Mapping[str, jax.Array]
+Held = jax.Array | None  # (..., H, W, frames) depth that a policy holds; None for one that holds nothing
 
 
 def finite(x: jax.Array) -> jax.Array:
@@ -22,7 +28,7 @@ def finite(x: jax.Array) -> jax.Array:
     return jp.where(jp.isfinite(x), x, 0.0)
 
 
-def policy_input(obs: Mapping[str, jax.Array], normalizer: Normalizer) -> dict[str, jax.Array]:
+def policy_input(obs: Observation, normalizer: Normalizer) -> dict[str, jax.Array]:
     """An environment's observation as networks take it: finite, `state` normalised, depth as it is stored."""
     result = {STATE: normalizer_lib.normalize(normalizer, finite(obs[STATE]))}
     if DEPTH in obs:
@@ -34,68 +40,61 @@ def policy_input(obs: Mapping[str, jax.Array], normalizer: Normalizer) -> dict[s
 
 @dataclass(frozen=True)
 class Actor:
-    """A policy with its parameters, its frozen statistics and, where it holds depth, the depth it holds.
+    """A policy that acts, one control step after the other.
 
-    Whoever runs it carries the depth from step to step and says where it is taken anew (`refresh`), for there are two
-    clocks. Where a policy that has learnt runs, simulated or on a robot, it is the episode's: :meth:`refreshes`. In
-    training it is the window's and restarts with each episode: see loco_mjx/networks/hold.py.
+    Observations are as environments return them (not normalised), with any leading axes. The statistics are frozen.
 
     Attributes:
-        networks: the policy's.
+        networks: the policy's networks.
         params: their parameters.
         normalizer: statistics of `state`.
+        deterministic: act by the Gaussian's mean.
     """
 
     networks: Networks
     params: Params
     normalizer: Normalizer
+    deterministic: bool = True
 
-    def first_held(self, obs: Mapping[str, jax.Array]) -> jax.Array | None:
-        """What is carried before the first step: nothing that is seen; None for a policy that holds nothing."""
+    def start(self, obs: Observation) -> Held:
+        """What is held before the first step; step 0 of the clock replaces it."""
         return None if self.networks.hold == 1 else jp.zeros_like(obs[DEPTH])
 
-    def refreshes(self, step: jax.Array) -> jax.Array:
-        """Whether depth is taken anew at control steps of an episode, () or (...)."""
-        return step % self.networks.hold == 0
-
-    def decide(
-        self, obs: Mapping[str, jax.Array], held: jax.Array | None, refresh: jax.Array
-    ) -> tuple[Outputs, jax.Array | None]:
-        """What the networks say, and the depth held from now on.
+    def outputs(
+        self, obs: Observation, held: Held = None, step: jax.Array | int = 0, restarted: jax.Array | bool = False
+    ) -> tuple[Outputs, Held]:
+        """What the networks make of an observation, and the depth that is held from now on.
 
         Args:
-            obs: an environment's, not normalised, with leading axes (...).
-            held: (..., H, W, frames) depth held so far, or None.
-            refresh: (...) bool, or () for all, whether depth is taken anew.
+            obs: the newest observation.
+            held: of the step before; None: the networks see the depth of `obs`.
+            step: () of the clock.
+            restarted: (...) or () bool, whether an episode begins here.
         """
-        seen = hold.with_held_depth(policy_input(obs, self.normalizer), held, refresh)
-        return self.networks.apply(self.params, seen), None if held is None else seen[DEPTH]
+        seen = policy_input(obs, self.normalizer)
+        if held is not None:
+            refresh = (step % self.networks.hold == 0) | jp.asarray(restarted)
+            refresh = jp.reshape(refresh, (*refresh.shape, *(1,) * (held.ndim - refresh.ndim)))
+            seen[DEPTH] = held = jp.where(refresh, seen[DEPTH], held)
+        return self.networks.apply(self.params, seen), held
 
     def act(
-        self, obs: Mapping[str, jax.Array], held: jax.Array | None, refresh: jax.Array, key: jax.Array | None = None
-    ) -> tuple[jax.Array, jax.Array | None]:
-        """(..., actions) in [−1, 1], and the depth held from now on; with a key drawn, without it the mean."""
-        outputs, held = self.decide(obs, held, refresh)
-        if key is None:
+        self, obs: Observation, held: Held = None, step: jax.Array | int = 0, key: jax.Array | None = None
+    ) -> tuple[jax.Array, Held]:
+        """An action in [−1, 1], and the depth that is held from now on; one key draws for all leading axes."""
+        outputs, held = self.outputs(obs, held, step)
+        if self.deterministic:
             return jp.tanh(outputs.mean), held
+        assert key is not None
         return jp.tanh(distribution.sample(key, outputs.mean, outputs.log_std)), held
 
 
-def make_inference(networks: Networks, params: Params, normalizer: Normalizer, deterministic: bool = True) -> Act:
-    """A function from an environment's observation and a key to an action in [−1, 1], with depth as it is given.
-
-    Observations are as environments return them (not normalised), with any leading axes; one key draws for all of
-    them. The statistics are frozen.
+def held_since(step: jax.Array, start: jax.Array, hold: int) -> jax.Array:
+    """Step of a rollout whose depth the policy saw at a step.
 
     Args:
-        networks: the policy's networks.
-        params: their parameters.
-        normalizer: statistics of `state`.
-        deterministic: act by the Gaussian's mean; the key is then not used.
+        step: int32 steps of the rollout.
+        start: of the same shape, the step at which each one's episode started; negative if before the rollout.
+        hold: control steps for which depth is held.
     """
-    actor = Actor(networks, params, normalizer)
-
-    def act(obs: Mapping[str, jax.Array], key: jax.Array) -> jax.Array:
-        return actor.act(obs, None, jp.array(True), None if deterministic else key)[0]
-
-    return act
+    return jp.maximum(step - step % hold, start)

@@ -66,30 +66,32 @@ class DistillTrainer(Trainer):
         """
         super().__init__(config, env, mesh)
         self.teacher = teacher
-        self.teaching = make_networks(TEACHER, dataclasses.replace(config.network, critic="shared"), env.action_size)
-        self.imitating = dataclasses.replace(
+        self.teacher_networks = make_networks(
+            TEACHER, dataclasses.replace(config.network, critic="shared"), env.action_size
+        )
+        self.imitation_config = dataclasses.replace(
             config.ppo,
             learning_rate=config.distill.learning_rate,
             minibatch=config.distill.minibatch,
             epochs=config.distill.epochs,
             learning_rate_decay=False,
         )
-        copies = P()
-        step = partial(self.imitate_step, axis_name=AXIS)
+        state, replicated = self.partition_specs, P()
+        step = partial(self.imitation_step, axis_name=AXIS)
         self._improve: Callable = self.iterate
-        self._imitate = jax.jit(self.spread(step, (self.layout, copies), (self.layout, copies)), donate_argnums=0)
+        self._imitate = jax.jit(self.shard_map(step, (state, replicated), (state, replicated)), donate_argnums=0)
         self.iterate = self._iterate  # type: ignore[assignment]
 
     @property
-    def imitations(self) -> int:
+    def imitation_iterations(self) -> int:
         """Iterations in which the policy imitates."""
         return round(self.config.distill.imitation * self.config.ppo.iterations)
 
     def _iterate(self, state: TrainState, pool: Any) -> tuple[TrainState, Metrics]:
         iteration = int(state.iteration)
-        if iteration < self.imitations:
+        if iteration < self.imitation_iterations:
             return self._imitate(state, pool)
-        if iteration == self.imitations:
+        if iteration == self.imitation_iterations:
             # Adam begins anew: its moments are of the gradients of another loss.
             state = dataclasses.replace(state, opt_state=jax.tree.map(jp.zeros_like, state.opt_state))
         return self._improve(state, pool)
@@ -97,39 +99,41 @@ class DistillTrainer(Trainer):
     def start(self, key: jax.Array, pool: Any, axis_name: str | None = None) -> TrainState:
         """The state before the first iteration, as Trainer's but for what the teacher gives."""
         state = super().start(key, pool, axis_name)
-        given = self.teacher.params["params"]
-        critic = {name: given[name] for name in ("state_encoder", "value_head")}
+        taught = self.teacher.params["params"]
+        critic = {name: taught[name] for name in ("state_encoder", "value_head")}
         params = {"params": state.params["params"] | {"critic": critic}}
         return dataclasses.replace(state, params=params, normalizer=self.teacher.normalizer, teacher=self.teacher)
 
-    def imitate_step(self, state: TrainState, pool: Any, axis_name: str | None = None) -> tuple[TrainState, Metrics]:
+    def imitation_step(self, state: TrainState, pool: Any, axis_name: str | None = None) -> tuple[TrainState, Metrics]:
         """One iteration of imitation: the next state and a dict of scalars."""
-        state, rollout, collected = self.collect_part(state, pool, axis_name)
-        state, learnt = self.update_part(state, rollout, axis_name, learn=self.imitate)
-        return state, collected | learnt
+        state, rollout, collected = self.collect_on_device(state, pool, axis_name)
+        state, learned = self.update_on_device(state, rollout, axis_name, learn=self.imitate)
+        return state, collected | learned
 
     def imitate(
         self, state: TrainState, data: update_lib.Experience, key: jax.Array, axis_name: str | None
     ) -> tuple[tuple[Params, optax.OptState], Metrics]:
         """As Trainer.learn, from what the teacher would have done."""
-        config = self.imitating
-        data = dataclasses.replace(data, label=self.labels(state.teacher, data.rollout.state, data.rollout.privileged))
-        rate = self.rate(state.iteration)
-        learned = (state.params, state.opt_state)
-        learned, metrics = update_lib.update(
-            self.networks, config, learned, data, key, rate, axis_name, self.chunk, loss_lib.imitation
+        config = self.imitation_config
+        data = dataclasses.replace(
+            data, teacher_action=self.teacher_actions(state.teacher, data.rollout.state, data.rollout.privileged)
         )
-        return learned, metrics | {"learning_rate": rate}
+        rate = self.imitation_rate(state.iteration)
+        learner = (state.params, state.opt_state)
+        learner, metrics = update_lib.update(
+            self.networks, config, learner, data, key, rate, axis_name, self.chunk, loss_lib.imitation
+        )
+        return learner, metrics | {"learning_rate": rate}
 
-    def rate(self, iteration: jax.Array) -> jax.Array:
+    def imitation_rate(self, iteration: jax.Array) -> jax.Array:
         """() learning rate of an iteration of imitation: constant, or falling linearly to 0 at the last one's end."""
-        rate = jp.asarray(self.imitating.learning_rate, jp.float32)
+        rate = jp.asarray(self.imitation_config.learning_rate, jp.float32)
         if not self.config.distill.learning_rate_decay:
             return rate
-        return rate * jp.maximum(1.0 - iteration.astype(jp.float32) / max(self.imitations, 1), 0.0)
+        return rate * jp.maximum(1.0 - iteration.astype(jp.float32) / max(self.imitation_iterations, 1), 0.0)
 
-    def labels(self, teacher: Teacher, state: jax.Array, privileged: jax.Array | None) -> jax.Array:
+    def teacher_actions(self, teacher: Teacher, state: jax.Array, privileged: jax.Array | None) -> jax.Array:
         """(T, B, actions) the teacher's mean actions at (T+1, B, ...) observations but the last, in [−1, 1]."""
         assert privileged is not None
-        seen = {STATE: normalizer_lib.normalize(teacher.normalizer, state[:-1]), PRIVILEGED: privileged[:-1]}
-        return jax.lax.stop_gradient(jp.tanh(self.teaching.apply(teacher.params, seen).mean))
+        obs = {STATE: normalizer_lib.normalize(teacher.normalizer, state[:-1]), PRIVILEGED: privileged[:-1]}
+        return jax.lax.stop_gradient(jp.tanh(self.teacher_networks.apply(teacher.params, obs).mean))

@@ -1,4 +1,4 @@
-"""Generalised advantage estimation (Schulman et al. 2016) with terminations, truncations and reset rows."""
+"""Generalised advantage estimation (Schulman et al. 2016) with terminations, truncations and resets."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ def advantages(
     discount: float,
     gae_lambda: float,
 ) -> jax.Array:
-    """λ-advantages of a window of T transitions.
+    """λ-advantages of a rollout of T transitions.
 
-    The observation after a `done` row is the episode's real last one, so a truncated row bootstraps from `values[t+1]`
-    like a running one; a terminated row does not. Both cut the λ-sum. The transition after a `done` row only resets the
-    environment: its advantage is 0, and nothing of it reaches another row.
+    The observation after a `done` transition is the episode's real last one. So a truncated transition bootstraps from
+    `values[t+1]` like any other, and a terminated one does not; both end the sum over later TD errors. The transition
+    after a `done` one only resets the environment: its advantage is 0, and it changes no other.
 
     Args:
         rewards: (T, ...) r_t.
-        values: (T+1, ...) V(obs_t), including the observation after the window.
+        values: (T+1, ...) V(obs_t), including that of the observation after the last step.
         terminated: (T, ...) 1 where the episode ended by itself.
         done: (T, ...) 1 where it ended, by itself or at a time limit.
         reset: (T, ...) 1 where the transition spans a reset.
@@ -33,7 +33,9 @@ def advantages(
     Returns:
         (T, ...) advantages; the value targets are ``advantages + values[:-1]``.
     """
+    # TD error: δ_t = r_t + γ (1 − terminated_t) V(s_{t+1}) − V(s_t)
     deltas = rewards + discount * (1.0 - terminated) * values[1:] - values[:-1]
+    # A_t = δ_t + γ λ (1 − done_t) A_{t+1}
     decay = discount * gae_lambda * (1.0 - done)
 
     def backward(later: jax.Array, row: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:

@@ -1,4 +1,4 @@
-"""PPO's loss on a minibatch, with rows of weight 0 for the transitions that span a reset."""
+"""PPO's loss on a minibatch. Transitions that span a reset have weight 0 and count nowhere."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from loco_mjx.ppo import distribution
 
 
 @struct.dataclass
-class Batch:
+class Minibatch:
     """Transitions to learn from; leading axis n.
 
     Attributes:
         action: (n, actions) as drawn, before the tanh.
-        log_prob: (n,) of the policy that drew it.
-        value: (n,) its value estimate.
+        log_prob: (n,) of the policy that drew it, π_old.
+        value: (n,) its value estimate, V_old.
         advantage: (n,) λ-advantage.
         weight: (n,) 1, or 0 for a transition that spans a reset.
-        label: (n, actions) what a teacher would have done, in [−1, 1], or None without one.
+        teacher_action: (n, actions) what a teacher would have done, in [−1, 1], or None without one.
     """
 
     action: jax.Array
@@ -32,7 +32,7 @@ class Batch:
     value: jax.Array
     advantage: jax.Array
     weight: jax.Array
-    label: jax.Array | None = None
+    teacher_action: jax.Array | None = None
 
 
 def psum(x: Any, axis_name: str | None) -> Any:
@@ -46,70 +46,74 @@ def masked_mean(x: jax.Array, weight: jax.Array, axis_name: str | None = None) -
     return total / jp.maximum(psum(jp.sum(weight), axis_name), 1.0)
 
 
-def normalized_advantage(batch: Batch, axis_name: str | None = None) -> jax.Array:
-    """(n,) advantages with mean 0 and standard deviation 1 over the rows that count, of all devices."""
-    mean = masked_mean(batch.advantage, batch.weight, axis_name)
-    variance = masked_mean((batch.advantage - mean) ** 2, batch.weight, axis_name)
-    return jp.where(batch.weight > 0, (batch.advantage - mean) / (jp.sqrt(variance) + 1e-8), 0.0)
+def normalized_advantage(minibatch: Minibatch, axis_name: str | None = None) -> jax.Array:
+    """(n,) advantages with mean 0 and standard deviation 1 over the transitions that count, of all devices."""
+    mean = masked_mean(minibatch.advantage, minibatch.weight, axis_name)
+    variance = masked_mean((minibatch.advantage - mean) ** 2, minibatch.weight, axis_name)
+    return jp.where(minibatch.weight > 0, (minibatch.advantage - mean) / (jp.sqrt(variance) + 1e-8), 0.0)
 
 
-def _share(x: jax.Array, batch: Batch, total_weight: jax.Array) -> jax.Array:
-    """A part's share of a minibatch's mean over the rows that count."""
-    return jp.sum(jp.where(batch.weight > 0, x, 0.0)) / jp.maximum(total_weight, 1.0)
+def _mean_term(x: jax.Array, minibatch: Minibatch, total_weight: jax.Array) -> jax.Array:
+    """What these transitions add to the mean over the whole minibatch: Σ w x / Σ w of all."""
+    return jp.sum(jp.where(minibatch.weight > 0, x, 0.0)) / jp.maximum(total_weight, 1.0)
 
 
 def loss(
-    outputs: Outputs, batch: Batch, advantage: jax.Array, total_weight: jax.Array, config: PPOConfig
+    outputs: Outputs, minibatch: Minibatch, advantage: jax.Array, total_weight: jax.Array, config: PPOConfig
 ) -> tuple[dict[str, jax.Array], dict[str, jax.Array]]:
-    """A part's share of the minibatch's loss: the shares of all parts (devices, chunks) add up to the mean.
+    """What some transitions add to the minibatch's mean loss; the terms of all devices and chunks add up to it.
 
     Args:
         outputs: of the networks being trained, leading axis n.
-        batch: the transitions.
+        minibatch: the transitions.
         advantage: (n,) normalised advantages.
         total_weight: () summed weight of the whole minibatch.
         config: the coefficients.
 
     Returns:
-        The share of the loss, `policy` and `value`, which add up to it; and the shares of its terms and diagnostics.
+        Terms of the losses `policy` and `value`, whose sum is the loss; and those of what is reported.
     """
-    share = partial(_share, batch=batch, total_weight=total_weight)
-    log_ratio = distribution.log_prob(batch.action, outputs.mean, outputs.log_std) - batch.log_prob
-    log_ratio = jp.where(batch.weight > 0, log_ratio, 0.0)
-    ratio = jp.exp(log_ratio)
+    mean = partial(_mean_term, minibatch=minibatch, total_weight=total_weight)
+    log_ratio = distribution.log_prob(minibatch.action, outputs.mean, outputs.log_std) - minibatch.log_prob
+    log_ratio = jp.where(minibatch.weight > 0, log_ratio, 0.0)
+    ratio = jp.exp(log_ratio)  # r = π(a|s) / π_old(a|s)
     clipped = jp.clip(ratio, 1.0 - config.clip, 1.0 + config.clip)
-    policy = share(-jp.minimum(ratio * advantage, clipped * advantage))
-    value = share((outputs.value - batch.value - batch.advantage) ** 2)
-    entropy = share(distribution.entropy(outputs.log_std))
+    # L_π = −E[min(r A, clip(r, 1 − ε, 1 + ε) A)]
+    policy = mean(-jp.minimum(ratio * advantage, clipped * advantage))
+    # L_V = E[(V(s) − (V_old(s) + A))²]: the advantage is not normalised here
+    value = mean((outputs.value - minibatch.value - minibatch.advantage) ** 2)
+    # L = L_π − c_H H + c_V L_V
+    entropy = mean(distribution.entropy(outputs.log_std))
     losses = {"policy": policy - config.entropy * entropy, "value": config.value_loss * value}
     terms = {
         "loss/total": losses["policy"] + losses["value"],
         "loss/policy": policy,
         "loss/value": value,
         "policy/entropy": entropy,
-        "policy/approx_kl": share(ratio - 1.0 - log_ratio),  # Schulman's k3 estimator
-        "policy/clip_fraction": share((jp.abs(ratio - 1.0) > config.clip).astype(ratio.dtype)),
-        "policy/std": share(jp.exp(outputs.log_std).mean(-1)),
+        "policy/approx_kl": mean(ratio - 1.0 - log_ratio),  # E[r − 1 − log r], Schulman's k3 estimator
+        "policy/clip_fraction": mean((jp.abs(ratio - 1.0) > config.clip).astype(ratio.dtype)),
+        "policy/std": mean(jp.exp(outputs.log_std).mean(-1)),
     }
     return losses, terms
 
 
 def imitation(
-    outputs: Outputs, batch: Batch, advantage: jax.Array, total_weight: jax.Array, config: PPOConfig
+    outputs: Outputs, minibatch: Minibatch, advantage: jax.Array, total_weight: jax.Array, config: PPOConfig
 ) -> tuple[dict[str, jax.Array], dict[str, jax.Array]]:
     """The loss of a policy that imitates a teacher (DAgger); arguments and results as for :func:`loss`.
 
-    The mean action is drawn to the teacher's, the value learns what PPO's would; the standard deviation stays.
+    The mean action learns the teacher's action, the value what PPO's would; the standard deviation does not change.
     """
-    assert batch.label is not None
-    share = partial(_share, batch=batch, total_weight=total_weight)
-    difference = share(((jp.tanh(outputs.mean) - batch.label) ** 2).mean(-1))
-    value = share((outputs.value - batch.value - batch.advantage) ** 2)
+    assert minibatch.teacher_action is not None
+    mean = partial(_mean_term, minibatch=minibatch, total_weight=total_weight)
+    # L = E[mean_i (tanh μ_i − a_teacher,i)²] + c_V L_V
+    difference = mean(((jp.tanh(outputs.mean) - minibatch.teacher_action) ** 2).mean(-1))
+    value = mean((outputs.value - minibatch.value - minibatch.advantage) ** 2)
     losses = {"policy": difference, "value": config.value_loss * value}
     terms = {
         "loss/total": losses["policy"] + losses["value"],
         "loss/imitation": difference,
         "loss/value": value,
-        "policy/std": share(jp.exp(outputs.log_std).mean(-1)),
+        "policy/std": mean(jp.exp(outputs.log_std).mean(-1)),
     }
     return losses, terms

@@ -19,30 +19,33 @@ from loco_mjx.ppo.trainer import Trainer, TrainState
 class SeedsTrainer:
     """A :class:`Trainer`'s program for S seeds at once; nothing of one seed reaches another.
 
-    Every array of the state, the pool and the metrics has a leading axis of S; each seed's environments are spread over
-    the trainer's mesh as a single seed's are. Seed i draws the same numbers as its own single run: initial parameters,
-    scenes, starts, the noise of its actions, the order of its samples. Batched matrix products may round differently,
-    which a run of thousands of chaotic steps amplifies: its curve is another sample of the same distribution.
+    Every array of the state, the pool and the metrics has a leading axis of S; each seed's environments are sharded
+    over the trainer's mesh as a single seed's are. Seed i draws the same numbers as its own single run: initial
+    parameters, scenes, starts, the noise of its actions, the order of its samples. Batched matrix products may round
+    differently, which a run of thousands of chaotic steps amplifies: its curve is another sample of the same
+    distribution.
 
     Attributes:
         trainer: of a single seed; its configuration's own seed is not used.
         seeds: in the order of the leading axis.
         iterate: (state, pool) -> (next state, dict of (S,) arrays), compiled once; donates the state.
         split: state -> list of each seed's :class:`TrainState`, as :attr:`trainer` has it.
-        join: the way back.
+        join: the inverse of `split`.
     """
 
     def __init__(self, trainer: Trainer, seeds: Sequence[int]) -> None:
         """Prepares the programs; nothing is compiled yet."""
         self.trainer, self.seeds = trainer, list(seeds)
         mesh, is_spec = trainer.mesh, lambda x: isinstance(x, P)
-        state = jax.tree.map(lambda spec: P(None, *spec), trainer.layout, is_leaf=is_spec)
-        copies = P()
+        state = jax.tree.map(lambda spec: P(None, *spec), trainer.partition_specs, is_leaf=is_spec)
+        replicated = P()
         place = partial(jax.tree.map, partial(NamedSharding, mesh), is_leaf=is_spec)
-        self.iterate = jax.jit(trainer.spread(self._each_step, (state, copies), (state, copies)), donate_argnums=0)
-        self._start = jax.jit(trainer.spread(self._each_start, (copies, copies), state))
-        self._make_pool = jax.jit(jax.vmap(trainer.pool, (0, None)), out_shardings=NamedSharding(mesh, copies))
-        self.split = jax.jit(self._split, out_shardings=[place(trainer.layout)] * len(self.seeds))
+        self.iterate = jax.jit(
+            trainer.shard_map(self._each_step, (state, replicated), (state, replicated)), donate_argnums=0
+        )
+        self._start = jax.jit(trainer.shard_map(self._each_start, (replicated, replicated), state))
+        self._make_pool = jax.jit(jax.vmap(trainer.pool, (0, None)), out_shardings=NamedSharding(mesh, replicated))
+        self.split = jax.jit(self._split, out_shardings=[place(trainer.partition_specs)] * len(self.seeds))
         self.join = jax.jit(self._join, out_shardings=place(state))
 
     @property
@@ -63,8 +66,8 @@ class SeedsTrainer:
         A CPU core has no use for larger matrix products than a minibatch's, and none for activations that leave its
         cache: there, seeds collect together and learn in turn.
         """
-        learn = partial(self.trainer.update_part, axis_name=AXIS)
-        states, rollouts, collected = jax.vmap(partial(self.trainer.collect_part, axis_name=AXIS))(states, pools)
+        learn = partial(self.trainer.update_on_device, axis_name=AXIS)
+        states, rollouts, collected = jax.vmap(partial(self.trainer.collect_on_device, axis_name=AXIS))(states, pools)
         if self.trainer.chunk is None:
             states, learnt = jax.vmap(learn)(states, rollouts)
         else:

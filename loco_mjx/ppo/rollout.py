@@ -1,4 +1,4 @@
-"""Collecting a window of experience: the policy acts in a batch of environments, all inside one scan."""
+"""Collecting a rollout: the policy acts in a batch of environments for T steps, all inside one scan."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from loco_mjx.env import autoreset
 from loco_mjx.env.state import State
 from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Params
 from loco_mjx.ppo import distribution, frame_stack
-from loco_mjx.ppo.actor import Actor, finite, policy_input
+from loco_mjx.ppo.actor import Actor, Held, finite
 from loco_mjx.ppo.normalizer import Normalizer
 
 Metrics = dict[str, jax.Array]
-_Carry = tuple[State, jax.Array | None]  # the environments, and the depth their policy holds
+_Carry = tuple[State, Held]  # the environments, and the depth their policy holds
 
 
 @struct.dataclass
@@ -77,42 +77,42 @@ def collect(
         unroll: T.
 
     Returns:
-        The environments' states, the experience, and sums of metrics over the window's rows (see :func:`_sums`).
+        The environments' states, the rollout, and sums of metrics over its transitions (see :func:`_sums`).
     """
     step = jax.vmap(lambda state, action: autoreset.step(env, state, action, pool))
-    stored = partial(_stored, depth=networks.uses_depth)
     actor = Actor(networks, params, normalizer)
+    stored = partial(_stored, depth=networks.uses_depth)
 
     def body(carry: _Carry, t: jax.Array) -> tuple[_Carry, tuple[dict[str, Any], Metrics]]:
         state, held = carry
-        refresh = actor.refreshes(t) | (state.info["reset"] > 0)  # on the window's clock
-        outputs, held = actor.decide(state.obs, held, refresh)
+        outputs, held = actor.outputs(state.obs, held, t, restarted=state.info["reset"] > 0)
         step_keys = jax.vmap(jax.random.fold_in, (0, None))(keys, t)
         action = jax.vmap(distribution.sample)(step_keys, outputs.mean, outputs.log_std)
-        after = step(state, jp.tanh(action))
-        row = {
+        next_state = step(state, jp.tanh(action))
+        transition = {
             "action": action,
             "log_prob": distribution.log_prob(action, outputs.mean, outputs.log_std),
             "value": outputs.value,
-            "reward": finite(after.reward),
-            "terminated": after.done * (1.0 - after.info["truncation"]),
-            "done": after.done,
-            "reset": after.info["reset"],
+            "reward": finite(next_state.reward),
+            "terminated": next_state.done * (1.0 - next_state.info["truncation"]),
+            "done": next_state.done,
+            "reset": next_state.info["reset"],
         }
-        return (after, held), (row | stored(state), _sums(after))
+        return (next_state, held), (transition | stored(state), _sums(next_state))
 
-    start = (env_state, actor.first_held(env_state.obs))
-    (last, _), (rows, sums) = jax.lax.scan(body, start, jp.arange(unroll, dtype=jp.int32))
-    value = networks.apply(params, policy_input(last.obs, normalizer)).value
+    carry = (env_state, actor.start(env_state.obs))
+    (last, _), (transitions, sums) = jax.lax.scan(body, carry, jp.arange(unroll, dtype=jp.int32))
+    value = actor.outputs(last.obs)[0].value
     for name, final in ({"value": value} | stored(last)).items():
-        rows[name] = jp.concatenate([rows[name], final[None]])
-    if "frames" in rows:
-        rows["frames"] = jp.concatenate([frame_stack.older(finite(env_state.obs[DEPTH])), rows["frames"]])
-    return last, Rollout(**({"frames": None} | rows)), jax.tree.map(lambda x: jp.sum(x, axis=0), sums)
+        transitions[name] = jp.concatenate([transitions[name], final[None]])
+    if "frames" in transitions:
+        older = frame_stack.older(finite(env_state.obs[DEPTH]))
+        transitions["frames"] = jp.concatenate([older, transitions["frames"]])
+    return last, Rollout(**({"frames": None} | transitions)), jax.tree.map(lambda x: jp.sum(x, axis=0), sums)
 
 
 def _stored(state: State, depth: bool) -> dict[str, jax.Array]:
-    """What is kept of the observations."""
+    """The parts of an observation that the rollout keeps."""
     kept = {"state": finite(state.obs[STATE])}
     if depth:
         kept["frames"] = frame_stack.newest(finite(state.obs[DEPTH]))
@@ -124,8 +124,8 @@ def _stored(state: State, depth: bool) -> dict[str, jax.Array]:
 def _sums(after: State) -> Metrics:
     """Sums over the environments after a step.
 
-    `steps` and `step/...` are over rows that are not resets; `episodes` and `episode/...` over episodes that ended;
-    `nonfinite` counts rows with a non-finite reward or `state`, whether the environment caught it or this function did.
+    `steps` and `step/...` are over transitions that are not resets; `episodes` and `episode/...` over episodes that
+    ended. `nonfinite` counts those with a reward or a `state` that is not finite, by whomever it was caught.
     """
     taken, ended = after.info["reset"] == 0, after.done > 0
     broken = ~jp.isfinite(after.reward) | ~jp.all(jp.isfinite(after.obs[STATE]), axis=-1)

@@ -1,4 +1,4 @@
-"""The training program: collect and update, one compiled call per iteration, environments spread over a mesh."""
+"""The training program: collect and update, one compiled call per iteration, environments sharded over a mesh."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class TrainState:
         params: the networks' parameters.
         opt_state: the optimiser's state.
         normalizer: statistics of `state`.
-        env_state: (num_envs, ...) the environments, spread over the mesh.
+        env_state: (num_envs, ...) the environments, sharded over the mesh.
         key: (2,) uint32 the seed's key; constant, every draw folds in its purpose and the iteration.
         iteration: () int32 iterations done.
         samples: () int32 environment steps taken.
@@ -67,11 +67,11 @@ class TrainState:
 class Trainer:
     """PPO on a batch of environments.
 
-    The mesh has one axis, ``env``: each device holds its share of the environments, collects from them, and adds its
-    part to every minibatch's gradient.
+    The mesh has one axis, ``env``: each device holds some of the environments, collects from them, and adds their
+    transitions to every minibatch's gradient.
 
     Attributes:
-        layout: how a state lies on the mesh: a TrainState of PartitionSpecs.
+        partition_specs: of a state: a TrainState of PartitionSpecs.
         iterate: (state, pool) -> (next state, dict of scalars), one iteration on all devices, compiled once. It
             donates the state: what was passed in cannot be used again.
         collect: (state, pool) -> (state, Rollout, dict of scalars), the first half of `iterate`, to be timed apart.
@@ -107,20 +107,20 @@ class Trainer:
                 "accepted: a divisor of it"
             )
         self.chunk = CPU_CHUNK if self.mesh.devices.flat[0].platform == "cpu" else None
-        # How states and rollouts (time-major) lie on the mesh.
-        split, windows, copies = P(AXIS), P(None, AXIS), P()
-        lie: dict[str, Any] = {field.name: copies for field in dataclasses.fields(TrainState)}
-        self.layout = state = TrainState(**lie | {"env_state": split})
+        # Of a state the environments alone are sharded, on their first axis; a rollout on its second.
+        sharded, rollouts, replicated = P(AXIS), P(None, AXIS), P()
+        specs: dict[str, Any] = {field.name: replicated for field in dataclasses.fields(TrainState)}
+        self.partition_specs = state = TrainState(**specs | {"env_state": sharded})
         step, start = partial(self.step, axis_name=AXIS), partial(self.start, axis_name=AXIS)
-        collect, update = (partial(part, axis_name=AXIS) for part in (self.collect_part, self.update_part))
-        self.iterate = jax.jit(self.spread(step, (state, copies), (state, copies)), donate_argnums=0)
-        self.collect = jax.jit(self.spread(collect, (state, copies), (state, windows, copies)))
-        self.update = jax.jit(self.spread(update, (state, windows), (state, copies)))
-        self._init = jax.jit(self.spread(start, (copies, copies), state))
-        self._make_pool = jax.jit(self.pool, out_shardings=NamedSharding(self.mesh, copies))
+        collect, update = (partial(part, axis_name=AXIS) for part in (self.collect_on_device, self.update_on_device))
+        self.iterate = jax.jit(self.shard_map(step, (state, replicated), (state, replicated)), donate_argnums=0)
+        self.collect = jax.jit(self.shard_map(collect, (state, replicated), (state, rollouts, replicated)))
+        self.update = jax.jit(self.shard_map(update, (state, rollouts), (state, replicated)))
+        self._init = jax.jit(self.shard_map(start, (replicated, replicated), state))
+        self._make_pool = jax.jit(self.pool, out_shardings=NamedSharding(self.mesh, replicated))
 
-    def spread(self, part: Callable, in_specs: Any, out_specs: Any) -> Callable:
-        """A part that runs on every device of the mesh with its share of the data."""
+    def shard_map(self, part: Callable, in_specs: Any, out_specs: Any) -> Callable:
+        """A function of one device's data, run on all devices of the mesh."""
         return spread(part, self.mesh, in_specs, out_specs)
 
     # Called from outside -------------------------------------------------------------------------------------------
@@ -165,12 +165,12 @@ class Trainer:
             iteration=jp.zeros((), jp.int32),
             samples=jp.zeros((), jp.int32),
         )
-        return jax.tree.map(_strong, state)
+        return jax.tree.map(_strongly_typed, state)
 
     def step(self, state: TrainState, pool: Any, axis_name: str | None = None) -> tuple[TrainState, Metrics]:
         """One iteration: the next state and a dict of scalars."""
-        state, rollout, collected = self.collect_part(state, pool, axis_name)
-        state, learnt = self.update_part(state, rollout, axis_name)
+        state, rollout, collected = self.collect_on_device(state, pool, axis_name)
+        state, learnt = self.update_on_device(state, rollout, axis_name)
         return state, collected | learnt
 
     def _env_keys(self, key: jax.Array, axis_name: str | None) -> jax.Array:
@@ -180,7 +180,7 @@ class Trainer:
         first = 0 if axis_name is None else jax.lax.axis_index(axis_name) * count
         return jax.vmap(jax.random.fold_in, (None, 0))(key, first + jp.arange(count))
 
-    def collect_part(
+    def collect_on_device(
         self, state: TrainState, pool: Any, axis_name: str | None = None
     ) -> tuple[TrainState, Rollout, Metrics]:
         """The first half of an iteration: only the environments' states change."""
@@ -197,9 +197,9 @@ class Trainer:
             self.config.ppo.unroll,
         )
         metrics = collect_lib.averages(psum(sums, axis_name))
-        return dataclasses.replace(state, env_state=jax.tree.map(_strong, env_state)), rollout, metrics
+        return dataclasses.replace(state, env_state=jax.tree.map(_strongly_typed, env_state)), rollout, metrics
 
-    def update_part(
+    def update_on_device(
         self, state: TrainState, rollout: Rollout, axis_name: str | None = None, learn: Callable | None = None
     ) -> tuple[TrainState, Metrics]:
         """The second half: learning from the rollout (by `learn` in place of PPO), then the normaliser's statistics."""
@@ -208,13 +208,13 @@ class Trainer:
         if axis_name is not None:
             shuffle_key = jax.random.fold_in(shuffle_key, jax.lax.axis_index(axis_name))
         data = update_lib.experience(rollout, state.normalizer, ppo, self.networks.hold)
-        learned, metrics = (learn or self.learn)(state, data, shuffle_key, axis_name)
+        (params, opt_state), metrics = (learn or self.learn)(state, data, shuffle_key, axis_name)
         # The statistics change only now: the update above needs those the rollout was collected with.
         normalizer = normalizer_lib.update(state.normalizer, rollout.state[:-1], rollout.weight, axis_name)
         state = dataclasses.replace(
             state,
-            params=learned[0],
-            opt_state=learned[1],
+            params=params,
+            opt_state=opt_state,
             normalizer=normalizer,
             iteration=state.iteration + 1,
             samples=state.samples + ppo.samples_per_iteration,
@@ -228,11 +228,11 @@ class Trainer:
         """New parameters and optimiser's state from this device's experience, and a dict of scalars."""
         ppo = self.config.ppo
         rate = update_lib.learning_rate(ppo, state.iteration)
-        learned = (state.params, state.opt_state)
-        learned, metrics = update_lib.update(self.networks, ppo, learned, data, key, rate, axis_name, self.chunk)
-        return learned, metrics | {"learning_rate": rate}
+        learner = (state.params, state.opt_state)
+        learner, metrics = update_lib.update(self.networks, ppo, learner, data, key, rate, axis_name, self.chunk)
+        return learner, metrics | {"learning_rate": rate}
 
 
-def _strong(x: jax.Array) -> jax.Array:
+def _strongly_typed(x: jax.Array) -> jax.Array:
     """The array with its dtype fixed: a weakly typed leaf would make the second iteration compile again."""
     return jax.lax.convert_element_type(x, x.dtype) if x.weak_type else x

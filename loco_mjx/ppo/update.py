@@ -1,4 +1,4 @@
-"""Learning from a window of experience: epochs of minibatches, each one step of Adam."""
+"""Learning from a rollout: epochs of minibatches, one gradient step of Adam each."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ import optax
 from flax import struct
 
 from loco_mjx.config import PPOConfig
-from loco_mjx.networks import hold as hold_lib
 from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Outputs, Params
 from loco_mjx.ppo import frame_stack, gae
 from loco_mjx.ppo import loss as loss_lib
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.ppo.loss import Batch, masked_mean, psum
+from loco_mjx.ppo.actor import held_since
+from loco_mjx.ppo.loss import Minibatch, masked_mean, psum
 from loco_mjx.ppo.normalizer import Normalizer
 from loco_mjx.ppo.rollout import Metrics, Rollout
 
-_Learned = tuple[Params, optax.OptState]
-# From outputs, transitions, normalised advantages, the minibatch's weight and the coefficients to the share of each
-# loss that an optimiser minimises, and of terms to report.
-Objective = Callable[[Outputs, Batch, jax.Array, jax.Array, PPOConfig], tuple[dict[str, jax.Array], Metrics]]
+LearnerState = tuple[Params, optax.OptState]
+# From the networks' outputs, transitions, normalised advantages, the whole minibatch's weight and the coefficients to
+# what these transitions add to each loss that an optimiser minimises, and to the terms that are reported.
+Objective = Callable[[Outputs, Minibatch, jax.Array, jax.Array, PPOConfig], tuple[dict[str, jax.Array], Metrics]]
 
 
 @struct.dataclass
 class Experience:
-    """A rollout with what is computed from it once; samples are numbered t · B + column.
+    """A rollout with what is computed from it once. Transition t of environment b has the index t · B + b.
 
     Attributes:
         rollout: T steps of B environments.
         normalizer: the statistics it was collected with.
         advantage: (T, B) λ-advantages.
         starts: (T+1, B) from :func:`loco_mjx.ppo.frame_stack.episode_starts`, or None without depth.
-        label: (T, B, actions) what a teacher would have done, in [−1, 1], or None without one.
+        teacher_action: (T, B, actions) what a teacher would have done, in [−1, 1], or None without one.
         hold: control steps for which the policy held the depth it saw (static).
     """
 
@@ -44,24 +44,26 @@ class Experience:
     normalizer: Normalizer
     advantage: jax.Array
     starts: jax.Array | None
-    label: jax.Array | None = None
+    teacher_action: jax.Array | None = None
     hold: int = struct.field(pytree_node=False, default=1)
 
-    def batch(self, rows: jax.Array) -> Batch:
-        """The transitions of (n,) int32 sample numbers."""
-        at = jp.divmod(rows, self.rollout.reward.shape[1])
+    def minibatch(self, indices: jax.Array) -> Minibatch:
+        """The transitions of (n,) int32 indices."""
+        at = jp.divmod(indices, self.rollout.reward.shape[1])
         data = self.rollout
-        label = None if self.label is None else self.label[at]
-        return Batch(data.action[at], data.log_prob[at], data.value[at], self.advantage[at], data.weight[at], label)
+        taught = None if self.teacher_action is None else self.teacher_action[at]
+        return Minibatch(
+            data.action[at], data.log_prob[at], data.value[at], self.advantage[at], data.weight[at], taught
+        )
 
-    def observation(self, rows: jax.Array) -> dict[str, jax.Array]:
-        """(n, ...) policy inputs of (n,) int32 sample numbers, equal to those the policy acted on."""
-        step, column = jp.divmod(rows, self.rollout.reward.shape[1])
+    def observation(self, indices: jax.Array) -> dict[str, jax.Array]:
+        """(n, ...) policy inputs of (n,) int32 indices, equal to those the policy acted on."""
+        step, column = jp.divmod(indices, self.rollout.reward.shape[1])
         obs = {STATE: normalizer_lib.normalize(self.normalizer, self.rollout.state[step, column])}
         stored = self.rollout.frames
         if stored is not None and self.starts is not None:
             count = stored.shape[0] - self.rollout.reward.shape[0]
-            seen = hold_lib.refresh_step(step, self.starts[step, column], self.hold)
+            seen = held_since(step, self.starts[step, column], self.hold)
             obs[DEPTH] = frame_stack.stack(stored, self.starts, seen, column, count)
         if self.rollout.privileged is not None:
             obs[PRIVILEGED] = self.rollout.privileged[step, column]
@@ -81,7 +83,7 @@ def experience(rollout: Rollout, normalizer: Normalizer, config: PPOConfig, hold
 
 
 def make_optimizer(config: PPOConfig) -> optax.GradientTransformation:
-    """Clips the gradient's global norm, then Adam without its learning rate (which :func:`descend` applies).
+    """Clips the gradient's global norm, then Adam without its learning rate (which :func:`apply_gradients` applies).
 
     `separate` optimisers take two gradients, of the losses `policy` and `value`; each is clipped by itself and
     has an Adam of its own, and both move what policy and value share, as in the authors' code (there one
@@ -111,7 +113,7 @@ def learning_rate(config: PPOConfig, iteration: jax.Array) -> jax.Array:
 
 
 def minibatches(key: jax.Array, samples: int, config: PPOConfig) -> jax.Array:
-    """(epochs · minibatches, n) int32 shuffled sample numbers: every epoch reads each of this device's samples once."""
+    """(epochs · minibatches, n) int32 shuffled indices: every epoch reads each of this device's transitions once."""
     count = config.samples_per_iteration // config.minibatch
     keys = jax.random.split(key, config.epochs)
     # order ~ uniform over permutations, one per epoch
@@ -130,7 +132,7 @@ def gradient(
     config: PPOConfig,
     params: Params,
     data: Experience,
-    rows: jax.Array,
+    indices: jax.Array,
     axis_name: str | None = None,
     chunk: int | None = None,
     objective: Objective = loss_lib.loss,
@@ -139,64 +141,67 @@ def gradient(
 
     With `separate` optimisers a dict of each one's gradient.
     """
-    whole = data.batch(rows)
+    whole = data.minibatch(indices)
     advantage = loss_lib.normalized_advantage(whole, axis_name)
     total_weight = psum(jp.sum(whole.weight), axis_name)
 
-    def share(params: Params, rows: jax.Array, advantage: jax.Array, owner: str | None) -> tuple[jax.Array, Metrics]:
-        outputs = networks.apply(params, data.observation(rows))
-        losses, terms = objective(outputs, data.batch(rows), advantage, total_weight, config)
+    def loss(params: Params, indices: jax.Array, advantage: jax.Array, owner: str | None) -> tuple[jax.Array, Metrics]:
+        outputs = networks.apply(params, data.observation(indices))
+        losses, terms = objective(outputs, data.minibatch(indices), advantage, total_weight, config)
         return sum(losses.values()) if owner is None else losses[owner], terms  # type: ignore[return-value]
 
-    def part_gradient(params: Params, rows: jax.Array, advantage: jax.Array) -> tuple[Any, Metrics]:
+    def chunk_gradient(params: Params, indices: jax.Array, advantage: jax.Array) -> tuple[Any, Metrics]:
         if config.optimizer == "joint":
-            return jax.grad(partial(share, owner=None), has_aux=True)(params, rows, advantage)
+            return jax.grad(partial(loss, owner=None), has_aux=True)(params, indices, advantage)
         # The compiler makes one forward pass of the two, and leaves out what an owner's loss does not depend on.
-        each = {name: jax.grad(partial(share, owner=name), has_aux=True) for name in ("policy", "value")}
-        found = {name: grad(params, rows, advantage) for name, grad in each.items()}
+        each = {name: jax.grad(partial(loss, owner=name), has_aux=True) for name in ("policy", "value")}
+        found = {name: grad(params, indices, advantage) for name, grad in each.items()}
         return {name: grads for name, (grads, _) in found.items()}, found["policy"][1]
 
-    parts = jax.tree.map(lambda x: x.reshape(chunk_count(x.size, chunk), -1), (rows, advantage))
-    if parts[0].shape[0] == 1:
-        return psum(part_gradient(params, rows, advantage), axis_name)
-    shapes = jax.eval_shape(part_gradient, params, parts[0][0], parts[1][0])
+    chunks = jax.tree.map(lambda x: x.reshape(chunk_count(x.size, chunk), -1), (indices, advantage))
+    if chunks[0].shape[0] == 1:
+        return psum(chunk_gradient(params, indices, advantage), axis_name)
+    shapes = jax.eval_shape(chunk_gradient, params, chunks[0][0], chunks[1][0])
     zeros = jax.tree.map(lambda x: jp.zeros(x.shape, x.dtype), shapes)
     total, _ = jax.lax.scan(
-        lambda total, part: (jax.tree.map(jp.add, total, part_gradient(params, *part)), None), zeros, parts
+        lambda total, part: (jax.tree.map(jp.add, total, chunk_gradient(params, *part)), None), zeros, chunks
     )
     return psum(total, axis_name)
 
 
-def descend(config: PPOConfig, learned: _Learned, grads: Any, rate: jax.Array) -> tuple[_Learned, Metrics]:
-    """One optimiser step; a gradient that is not finite is skipped and counted, and changes nothing."""
+def apply_gradients(
+    config: PPOConfig, learner: LearnerState, grads: Any, rate: jax.Array
+) -> tuple[LearnerState, Metrics]:
+    """One gradient step; a gradient that is not finite is skipped and counted, and changes nothing."""
     norm = optax.global_norm(grads)
     usable = jp.isfinite(norm)
-    changes, opt_state = make_optimizer(config).update(grads, learned[1])
-    params = jax.tree.map(lambda p, change: p - rate * change, learned[0], changes)
-    new = jax.tree.map(lambda new, old: jp.where(usable, new, old), (params, opt_state), learned)
+    directions, opt_state = make_optimizer(config).update(grads, learner[1])
+    # θ ← θ − α · Adam(clip(∇L))
+    params = jax.tree.map(lambda p, direction: p - rate * direction, learner[0], directions)
+    new = jax.tree.map(lambda new, old: jp.where(usable, new, old), (params, opt_state), learner)
     return new, {"grad_norm": norm, "usable": usable.astype(jp.float32)}
 
 
 def update(
     networks: Networks,
     config: PPOConfig,
-    learned: _Learned,
+    learner: LearnerState,
     data: Experience,
     key: jax.Array,
     rate: jax.Array,
     axis_name: str | None = None,
     chunk: int | None = None,
     objective: Objective = loss_lib.loss,
-) -> tuple[_Learned, Metrics]:
+) -> tuple[LearnerState, Metrics]:
     """All epochs over one rollout.
 
-    On several devices each holds its environments' part of the rollout and contributes its part to every minibatch;
-    sums over `axis_name` make each step that of the whole minibatch.
+    On several devices each holds the transitions of its own environments and adds some of them to every minibatch;
+    sums over `axis_name` make each gradient that of the whole minibatch.
 
     Args:
         networks: the policy's networks.
         config: hyper-parameters; sizes are of all devices together.
-        learned: parameters, as collected with, and the state of :func:`make_optimizer`'s optimiser.
+        learner: parameters, as collected with, and the state of :func:`make_optimizer`'s optimiser.
         data: this device's experience.
         key: this device's, for shuffling.
         rate: () learning rate.
@@ -209,13 +214,13 @@ def update(
         New parameters and optimiser state, and metrics; equal on all devices.
     """
 
-    def body(learned: _Learned, rows: jax.Array) -> tuple[_Learned, Metrics]:
-        grads, terms = gradient(networks, config, learned[0], data, rows, axis_name, chunk, objective)
-        learned, step = descend(config, learned, grads, rate)
-        return learned, terms | step
+    def body(learner: LearnerState, indices: jax.Array) -> tuple[LearnerState, Metrics]:
+        grads, terms = gradient(networks, config, learner[0], data, indices, axis_name, chunk, objective)
+        learner, step = apply_gradients(config, learner, grads, rate)
+        return learner, terms | step
 
-    learned, steps = jax.lax.scan(body, learned, minibatches(key, data.advantage.size, config))
-    return learned, _averages(steps) | {"value/explained_variance": explained_variance(data, axis_name)}
+    learner, steps = jax.lax.scan(body, learner, minibatches(key, data.advantage.size, config))
+    return learner, _averages(steps) | {"value/explained_variance": explained_variance(data, axis_name)}
 
 
 def _averages(steps: Metrics) -> Metrics:

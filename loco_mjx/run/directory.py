@@ -160,15 +160,18 @@ def claim(directory: Path) -> Iterator[None]:
         yield
 
 
-def record_start(directory: Path, config: Config, about: dict[str, Any]) -> None:
+def record_start(directory: Path, config: Config, provenance: dict[str, Any]) -> None:
     """Writes the configuration and what the run runs with, before its first step; notes each resumption.
 
     Args:
         directory: the run's.
         config: the whole configuration.
-        about: versions, devices, commit and command (see loco_mjx/run/provenance.py), with the step begun at.
+        provenance: versions, devices, commit and command (see loco_mjx/run/provenance.py), with the step begun at.
     """
     info = read_json(directory / INFO) if (directory / INFO).exists() else None
-    info = about | {"resumed": []} if info is None else info | {"resumed": [*info.get("resumed", []), about]}
+    if info is None:
+        info = provenance | {"resumed": []}
+    else:
+        info |= {"resumed": [*info.get("resumed", []), provenance]}
     write_json(directory / INFO, info)
     write_json(directory / CONFIG, to_dict(config))

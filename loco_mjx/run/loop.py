@@ -19,7 +19,7 @@ from loco_mjx.ranges import COUNT, Range
 from loco_mjx.run import checkpoint, machine, multihost
 from loco_mjx.run.logger import SECONDS
 from loco_mjx.run.progress import Reporter
-from loco_mjx.run.run_log import Record, Row, Run, common_step
+from loco_mjx.run.run_log import Row, Run, RunLog, common_step
 from loco_mjx.run.signals import Leave, Stop
 
 Evaluate = Callable[[Any], dict[str, float]]  # from a training state to the deterministic policy's figures
@@ -45,7 +45,7 @@ class GroupLearner(Learner, Protocol):
         """Each run's own state."""
 
     def join(self, parts: list[Any]) -> Any:
-        """The way back."""
+        """The inverse of `split`."""
 
 
 class Single:
@@ -59,7 +59,7 @@ class Single:
         return [state]
 
     def join(self, parts: list[Any]) -> Any:
-        """The way back."""
+        """The inverse of `split`."""
         return parts[0]
 
 
@@ -134,17 +134,17 @@ def run_group(
     alone = jax.process_count() == 1  # of several processes none may leave the others waiting
     with Stop(reporter.say, alone, reporter.close) as stop, contextlib.ExitStack() as files:
         try:
-            state, samples = _begin(learner, runs, reporter)
-            records = [Record(run, samples, reporter.say) for run in runs]
+            state, samples = _resume(learner, runs, reporter)
+            logs = [RunLog(run, samples, reporter.say) for run in runs]
             starting()
-            for record in records:
-                files.enter_context(record)
-            return _Loop(learner, records, options, reporter, evaluations, stop).run(state, samples)
+            for log in logs:
+                files.enter_context(log)
+            return _Loop(learner, logs, options, reporter, evaluations, stop).run(state, samples)
         except Leave:
             return Outcome(samples, stop.signal)
 
 
-def _begin(learner: GroupLearner, runs: Sequence[Run], reporter: Reporter) -> tuple[Any, int]:
+def _resume(learner: GroupLearner, runs: Sequence[Run], reporter: Reporter) -> tuple[Any, int]:
     at = None if len(runs) == 1 else common_step(runs, reporter.say)
     state = learner.init()
     if at == 0:
@@ -154,7 +154,7 @@ def _begin(learner: GroupLearner, runs: Sequence[Run], reporter: Reporter) -> tu
         for run, part in zip(runs, learner.split(state), strict=True)
     ]
     samples = found[0][1] if found[0] else 0
-    if len(set(multihost.gathered(samples // runs[0].config.ppo.samples_per_iteration).tolist())) > 1:
+    if len(set(multihost.allgather(samples // runs[0].config.ppo.samples_per_iteration).tolist())) > 1:
         raise UserError(f"processes see different checkpoints in {runs[0].directory}; a shared file system is needed")
     parts = [restored[0] for restored in found if restored is not None]
     if not parts:
@@ -170,24 +170,24 @@ class _Loop:
     def __init__(
         self,
         learner: GroupLearner,
-        records: Sequence[Record],
+        logs: Sequence[RunLog],
         options: LoopOptions,
         reporter: Reporter,
         evaluations: Sequence[Evaluate],
         stop: Stop,
     ) -> None:
-        self.learner, self.records, self.options = learner, records, options
+        self.learner, self.logs, self.options = learner, logs, options
         self.reporter, self.evaluations, self.stop = reporter, evaluations, stop
-        self.ppo = records[0].run.config.ppo
+        self.ppo = logs[0].run.config.ppo
         self.per_iteration = self.ppo.samples_per_iteration  # of one run
-        self.spent = records[0].seconds  # over all starts
+        self.spent = logs[0].seconds  # over all starts
         self.warned = False
 
     def run(self, state: Any, samples: int) -> Outcome:
         saved, saved_at = samples, time.monotonic()
         iteration = first = samples // self.per_iteration
         pool = None
-        if samples == 0 and len(self.records) > 1:  # where all stand together if a kill meets the first checkpoints
+        if samples == 0 and len(self.logs) > 1:  # where all stand together if a kill meets the first checkpoints
             self._save(state, 0)
         _, signal, failed = multihost.agreed(False, self._signal())
         while iteration < self.ppo.iterations and signal is None and not failed:
@@ -198,9 +198,9 @@ class _Loop:
             iteration += 1
             self._say_age(iteration - first)
             samples = iteration * self.per_iteration
-            due = time.monotonic() - saved_at >= 60 * self.options.checkpoint_minutes
-            due, signal, failed = multihost.agreed(due, self._signal(), self._failure() is not None)
-            if due and not failed:
+            time_to_save = time.monotonic() - saved_at >= 60 * self.options.checkpoint_minutes
+            time_to_save, signal, failed = multihost.agreed(time_to_save, self._signal(), self._failure() is not None)
+            if time_to_save and not failed:
                 self._save(state, samples)
                 saved, saved_at = samples, time.monotonic()
         if failed:
@@ -213,19 +213,19 @@ class _Loop:
     def _iterate(self, state: Any, pool: Any, iteration: int) -> Any:
         start = time.monotonic()
         state, metrics = self.learner.iterate(state, pool)
-        rows = _rows(jax.device_get(metrics), len(self.records))
+        rows = _rows(jax.device_get(metrics), len(self.logs))
         seconds = time.monotonic() - start
         samples = (iteration + 1) * self.per_iteration
         self._refuse_divergence(rows, iteration * self.per_iteration)
         rate = self.per_iteration / seconds
-        if self._due(iteration + 1):
+        if self._time_to_evaluate(iteration + 1):
             for row, evaluate, part in zip(rows, self.evaluations, self.learner.split(state), strict=True):
                 row |= {f"eval/{name}": value for name, value in evaluate(part).items()}
         self.spent += time.monotonic() - start
-        going = [(record, row) for record, row in zip(self.records, rows, strict=True) if record.problem is None]
-        for record, row in going:
-            record.write(samples, row | {SECONDS: self.spent, "time/samples_per_second": rate})
-        count = len(self.records)
+        going = [(log, row) for log, row in zip(self.logs, rows, strict=True) if log.problem is None]
+        for log, row in going:
+            log.write(samples, row | {SECONDS: self.spent, "time/samples_per_second": rate})
+        count = len(self.logs)
         self.reporter.update(samples * count, rate * count, _means([row for _, row in going]))
         return state
 
@@ -236,12 +236,12 @@ class _Loop:
 
     def _refuse_divergence(self, rows: Sequence[Row], samples: int) -> None:
         """Ends runs whose loss is no number before a checkpoint keeps it; whose environments broke are told of."""
-        for record, row in zip(self.records, rows, strict=True):
-            if record.problem is None and not record.check(row, samples) and len(self.records) > 1:
-                self.reporter.say(f"{record.problem}; the other seeds go on")
-        if all(record.problem for record in self.records):
+        for log, row in zip(self.logs, rows, strict=True):
+            if log.problem is None and not log.check(row, samples) and len(self.logs) > 1:
+                self.reporter.say(f"{log.problem}; the other seeds go on")
+        if all(log.problem for log in self.logs):
             self._tell_of_problems()
-        going = [row for record, row in zip(self.records, rows, strict=True) if record.problem is None]
+        going = [row for log, row in zip(self.logs, rows, strict=True) if log.problem is None]
         skipped = sum(row.get("skipped_updates", 0.0) for row in going)
         if skipped:
             self.reporter.say(f"{skipped:.0f} updates were skipped after {samples:,} samples: no finite gradient")
@@ -251,11 +251,11 @@ class _Loop:
             self.reporter.say(f"{broken:.0f} non-finite states were contained; metrics.csv counts them")
 
     def _tell_of_problems(self) -> None:
-        problems = [record.problem for record in self.records if record.problem is not None]
+        problems = [log.problem for log in self.logs if log.problem is not None]
         if problems:
             raise UserError("; ".join(problems))
 
-    def _due(self, done: int) -> bool:
+    def _time_to_evaluate(self, done: int) -> bool:
         """Whether to evaluate after this many iterations: the first, then at even distances, then the last."""
         if not self.evaluations or not self.options.evaluations:
             return False
@@ -272,12 +272,12 @@ class _Loop:
         lost = self.reporter.lost
         if lost is not None and is_full(lost):
             return unwritable("what is printed", lost, "")
-        return next((record.failure for record in self.records if record.failure is not None), None)
+        return next((log.failure for log in self.logs if log.failure is not None), None)
 
     def _give_up(self, state: Any, samples: int, saved: int) -> NoReturn:
         """Ends a run whose curves cannot be written, with a checkpoint if that can be."""
         failure = self._failure() or UserError("the first process cannot write; its own last line says why")
-        if not all(record.in_place() for record in self.records):
+        if not all(log.in_place() for log in self.logs):
             with contextlib.suppress(UserError):  # those of seeds whose directories are there
                 self._save(state, samples)
             raise failure
@@ -291,10 +291,10 @@ class _Loop:
     def _save(self, state: Any, samples: int) -> None:
         """Writes all runs' checkpoints; where one cannot be written, the others are."""
         problems: list[UserError] = []
-        for record, part in zip(self.records, self.learner.split(state), strict=True):
-            if record.problem is None:
+        for log, part in zip(self.logs, self.learner.split(state), strict=True):
+            if log.problem is None:
                 try:
-                    record.save(samples, part)
+                    log.save(samples, part)
                 except UserError as error:
                     problems.append(error)
         if problems:

@@ -229,7 +229,7 @@ def _is_loss(error: BaseException) -> bool:
     return isinstance(error, (ValueError, RuntimeError)) and any(word in str(error) for word in words)
 
 
-# What processes know of each other ---------------------------------------------------------------------------------
+# What processes tell each other ---------------------------------------------------------------------------------
 
 
 def is_first() -> bool:
@@ -237,8 +237,8 @@ def is_first() -> bool:
     return jax.process_index() == 0
 
 
-def whole(tree: Any) -> Any:
-    """A pytree of arrays, with those that are spread over processes gathered."""
+def fetch_whole(tree: Any) -> Any:
+    """A pytree of arrays, with those that are sharded over processes gathered."""
     if jax.process_count() == 1:
         return tree
     from jax.experimental import multihost_utils
@@ -246,7 +246,7 @@ def whole(tree: Any) -> Any:
     return multihost_utils.process_allgather(tree, tiled=True)
 
 
-def gathered(value: Any) -> np.ndarray:
+def allgather(value: Any) -> np.ndarray:
     """(processes, ...) every process's value."""
     if jax.process_count() == 1:
         return np.asarray(value)[None]
@@ -255,19 +255,19 @@ def gathered(value: Any) -> np.ndarray:
     return np.asarray(multihost_utils.process_allgather(np.asarray(value)))
 
 
-def shared(text: str) -> str:
+def broadcast(text: str) -> str:
     """The first process's text."""
     if jax.process_count() == 1:
         return text
     data = np.frombuffer(text.encode()[:_TEXT].ljust(_TEXT, b"\0"), np.uint8)
-    return bytes(gathered(data)[0]).rstrip(b"\0").decode(errors="replace")
+    return bytes(allgather(data)[0]).rstrip(b"\0").decode(errors="replace")
 
 
-def agreed(due: bool, stop: int | None, failed: bool = False) -> tuple[bool, int | None, bool]:
+def agreed(save: bool, stop: int | None, failed: bool = False) -> tuple[bool, int | None, bool]:
     """Whether the first process finds that it is time to save, any process's signal, whether any has failed."""
     if jax.process_count() == 1:
-        return due, stop, failed
-    told = gathered(np.array([due, stop or 0, failed], np.int32))
+        return save, stop, failed
+    told = allgather(np.array([save, stop or 0, failed], np.int32))
     return bool(told[0, 0]), int(told[:, 1].max()) or None, bool(told[:, 2].any())
 
 
@@ -277,14 +277,14 @@ def on_first(action: Callable[[], None]) -> None:
     Raises:
         UserError: as the action did.
     """
-    gathered(0)
+    allgather(0)
     problem: UserError | None = None
     if is_first():
         try:
             action()
         except UserError as error:
             problem = error
-    text = shared("" if problem is None else str(problem))
+    text = broadcast("" if problem is None else str(problem))
     if text:
         raise problem or UserError(text)
 
@@ -295,7 +295,7 @@ def check_same(text: str, what: str) -> None:
     Raises:
         UserError: naming those that differ from the first.
     """
-    same = gathered(np.int32(shared(text) == text))
+    same = allgather(np.int32(broadcast(text) == text))
     others = ", ".join(str(i) for i in np.flatnonzero(same == 0))
     if others:
         raise UserError(f"process {others} has another {what} than process 0; start all with the same options")

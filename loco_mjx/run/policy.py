@@ -38,10 +38,9 @@ class TrainedPolicy:
     normalizer: normalizer_lib.Normalizer
     samples: int
 
-    @property
-    def actor(self) -> Actor:
-        """The same, ready to act."""
-        return Actor(self.networks, self.params, self.normalizer)
+    def actor(self, deterministic: bool = True) -> Actor:
+        """The policy acting, by its mean or by drawing from its Gaussian."""
+        return Actor(self.networks, self.params, self.normalizer, deterministic)
 
 
 def load_policy(path: Path) -> TrainedPolicy:

@@ -50,8 +50,8 @@ def _git(root: Path, *words: str) -> str | None:
     return done.stdout.strip()
 
 
-def about(command: list[str] | None = None) -> dict[str, Any]:
-    """Everything of the above.
+def describe(command: list[str] | None = None) -> dict[str, Any]:
+    """Time, command, versions, devices, commit and machine.
 
     Args:
         command: the command line; None takes the process's own.

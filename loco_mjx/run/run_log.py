@@ -1,4 +1,4 @@
-"""What one run leaves in its directory while it trains: rows of its curves, and checkpoints."""
+"""What one run writes into its directory while it trains: rows of its curves, and checkpoints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from loco_mjx.run.directory import CONFIG, LOCK
 from loco_mjx.run.logger import Logger
 
 Row = dict[str, float]
-NONFINITE = "nonfinite/"  # the learner's metrics of how many numbers of what it learns are none
+NONFINITE = "nonfinite/"  # the learner's metrics of how many numbers of its state are NaN or infinite
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Run:
     directory: Path
 
 
-class Record:
+class RunLog:
     """Writes a run's curves and checkpoints; of several processes the first one writes.
 
     Attributes:
@@ -72,13 +72,13 @@ class Record:
         Raises:
             UserError: if the disk is full or not writable, or the run's directory has gone.
         """
-        state = multihost.whole(state)
+        state = multihost.fetch_whole(state)
         if self._logger is not None:
             self._check_place()
             policy, curves = policy_of(state), self._logger.text
             checkpoint.save(self.run.directory, samples, state, policy, self.run.config, curves)
 
-    def __enter__(self) -> Record:
+    def __enter__(self) -> RunLog:
         """Opens the files.
 
         Raises:

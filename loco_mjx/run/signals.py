@@ -126,9 +126,9 @@ class Stop:
             os.close(write)
             return
         self._pipe = read, write
-        threading.Thread(target=self._attend, args=(read,), daemon=True).start()
+        threading.Thread(target=self._watch_pipe, args=(read,), daemon=True).start()
 
-    def _attend(self, read: int) -> None:
+    def _watch_pipe(self, read: int) -> None:
         count = 0
         while data := os.read(read, 1):
             number = data[0]

@@ -115,7 +115,7 @@ def train(
 
         def record() -> None:
             for run in runs:
-                directory.record_start(run.directory, run.config, provenance.about(command) | {"samples": done})
+                directory.record_start(run.directory, run.config, provenance.describe(command) | {"samples": done})
 
         multihost.on_first(claim)
         seeds = [run.config.seed for run in runs]

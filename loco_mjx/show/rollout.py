@@ -13,8 +13,9 @@ from loco_mjx.config import Config, EnvConfig, preset
 from loco_mjx.depth.encoding import decode
 from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
-from loco_mjx.evaluation.episodes import evaluation_config
+from loco_mjx.evaluation.episodes import evaluation_config, keys_of
 from loco_mjx.networks.policies import DEPTH
+from loco_mjx.ppo.actor import Held
 from loco_mjx.run.policy import TrainedPolicy, observation_shapes
 from loco_mjx.scene.types import Scene
 
@@ -59,7 +60,6 @@ class Agent:
             raise UserError("there is no policy to run; accepted: the directory of a run, or the zero or random agent")
         self.kind, self.policy = kind, policy if kind == "policy" else None
         self._config: Config = policy.config if policy is not None else preset("fast")
-        self.actor = self.policy.actor if self.policy is not None else None
 
     def env_config(self, task: str | None = None) -> EnvConfig:
         """The environment to act in: the policy's own or the default, without randomisation."""
@@ -75,15 +75,19 @@ class Agent:
         apply = self.policy.networks.apply
         return jax.eval_shape(lambda obs: apply(self.policy.params, obs), obs).attention is not None  # type: ignore[union-attr]
 
+    def start(self, obs: dict[str, jax.Array]) -> Held:
+        """The depth that is held before an episode's first step."""
+        return None if self.policy is None else self.policy.actor().start(obs)
+
     def act(
-        self, obs: dict[str, jax.Array], held: jax.Array | None, step: jax.Array, key: jax.Array, size: int
-    ) -> tuple[jax.Array, jax.Array | None, jax.Array | None]:
+        self, obs: dict[str, jax.Array], held: Held, step: jax.Array, key: jax.Array, size: int
+    ) -> tuple[jax.Array, jax.Array | None, Held]:
         """(size,) action in [−1, 1] at a step of the episode, the attention if there is any, and the depth held."""
         if self.kind == "zero":
             return jp.zeros(size), None, None
-        if self.actor is None:
+        if self.policy is None:
             return jax.random.uniform(key, (size,), minval=-1.0, maxval=1.0), None, None  # action = +U(−1, 1)
-        outputs, held = self.actor.decide(obs, held, self.actor.refreshes(step))
+        outputs, held = self.policy.actor().outputs(obs, held, step)
         return jp.tanh(outputs.mean), outputs.attention, held
 
 
@@ -128,11 +132,9 @@ class Rollout:
         return self._look()
 
     def _begin(self) -> Moment:
-        key = jax.random.fold_in(jax.random.PRNGKey(self.seed), self.episode)
-        start, self._key = jax.random.split(key)
+        start, self._key = keys_of(self.seed, jp.asarray(self.episode))
         self._state = self._reset(start)
-        actor, self._distance = self.agent.actor, 0.0
-        self._held = actor.first_held(self._state.obs) if actor is not None else None
+        self._held, self._distance = self.agent.start(self._state.obs), 0.0
         return self._look()
 
     def _decide(self, obs: Any, held: Any, step: jax.Array, key: jax.Array) -> tuple[jax.Array, Any, Any]:

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
+import jax
 import numpy as np
 
 from loco_mjx import config as config_lib
@@ -19,7 +20,7 @@ from loco_mjx.deploy.session import Session
 from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
-from loco_mjx.evaluation.episodes import Figures, evaluation_config, figures
+from loco_mjx.evaluation.episodes import Figures, Tally, evaluation_config, figures
 from loco_mjx.mesh import dividing, make_mesh
 from loco_mjx.run import needs, provenance
 from loco_mjx.scene.tasks import get_task
@@ -131,24 +132,17 @@ def run(side: Side, first: State, horizon: int, tick: Tick, watch: Watch | None 
         tick: told about progress.
         watch: shown every step: its number, the states before and after it, and which episodes go on.
     """
-    state = side.begin(first)
-    alive = np.ones(len(first.done), bool)
-    zero = np.zeros(len(alive))
-    sums = {name: zero.copy() for name in [*first.metrics, "return", "length", "survived"]}
+    state, tally, count = side.begin(first), Tally.start(first), jax.jit(Tally.add)
     for t in range(horizon):
+        alive = np.asarray(tally.alive)
         if not alive.any():
             break
         before, state = state, side.step(state, t, alive)
-        done = np.asarray(state.done) > 0
-        survived = done * np.asarray(state.info["truncation"])
-        values = dict(state.metrics) | {"return": state.reward, "length": zero + 1, "survived": survived}
-        for name, value in values.items():
-            sums[name] += np.where(alive, np.asarray(value, np.float64), 0.0)
-        alive &= ~done
+        tally = count(tally, state)
         if watch is not None:
-            watch(t, before, state, alive)
+            watch(t, before, state, np.asarray(tally.alive))
         tick(side.name, t + 1, horizon)
-    return figures(sums)
+    return figures(jax.device_get(tally.sums))
 
 
 def compare(c: Figures, mjx: Figures) -> dict[str, dict[str, float | None]]:

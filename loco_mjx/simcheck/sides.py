@@ -18,12 +18,14 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx import a1
+from loco_mjx.deploy.depth_hold import DepthHold
 from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.mujoco_robot import HIDDEN_GROUP, SEEN_GROUP, MujocoRobot
 from loco_mjx.deploy.observer import Observer
 from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.env.state import State
+from loco_mjx.evaluation.episodes import keys_of
 from loco_mjx.mesh import AXIS, spread
 from loco_mjx.physics.step import Outcome, PhysicsState
 from loco_mjx.scene import mjcf
@@ -36,8 +38,7 @@ ROUGH = tuple(f"{leg}_{part}_sphere" for part in ("foot", "knee") for leg in a1.
 
 def start(env: LocoEnv, seed: int, episodes: int) -> State:
     """The first states of some episodes, batched: the ones that an evaluation with that seed has."""
-    keys = jax.vmap(jax.random.fold_in, (None, 0))(jax.random.PRNGKey(seed), jp.arange(episodes))
-    return jax.jit(jax.vmap(lambda key: env.reset(jax.random.split(key)[0])))(keys)
+    return jax.jit(jax.vmap(lambda episode: env.reset(keys_of(seed, episode)[0])))(jp.arange(episodes))
 
 
 class MjxSide:
@@ -54,7 +55,7 @@ class MjxSide:
         advance = spread(jax.vmap(env.step), mesh, P(AXIS), P(AXIS))
         # Arrays without elements would come back otherwise placed, and the second step would compile again.
         self._advance = jax.jit(advance, out_shardings=NamedSharding(mesh, P(AXIS)))
-        self._held: np.ndarray | None = None
+        self._held = DepthHold(manifest.hold)
 
     def begin(self, state: State) -> State:
         """Takes the first states."""
@@ -64,9 +65,7 @@ class MjxSide:
         """One control step of every episode; those not alive act by the default pose."""
         obs = {name: np.asarray(state.obs[KEYS[name]]) for name in self._manifest.shapes}
         if DEPTH in obs:
-            if self._held is None or t % self._manifest.hold == 0:
-                self._held = obs[DEPTH]
-            obs[DEPTH] = self._held
+            obs[DEPTH] = self._held(obs[DEPTH])
         action = np.zeros((len(alive), 12))
         going = np.flatnonzero(alive)
         targets = list(self._pool.map(lambda i: self._policy({name: obs[name][i] for name in obs}), going))

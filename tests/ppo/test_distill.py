@@ -79,7 +79,7 @@ def _obs():
 
 def test_the_policy_comes_to_act_as_its_teacher(run):
     trainer, teacher, networks, states, rows = run
-    assert trainer.imitations == IMITATIONS
+    assert trainer.imitation_iterations == IMITATIONS
     wanted = jp.tanh(networks.apply(teacher.params, _obs()).mean)
     before, after = (jp.tanh(trainer.networks.apply(states[i].params, _obs()).mean) for i in (0, IMITATIONS))
     assert float(jp.abs(before - wanted).min()) > 0.3
@@ -107,7 +107,7 @@ def test_then_ppo_goes_on(run):
     _, _, _, states, rows = run
     assert all(("loss/imitation" in row) == (i < IMITATIONS) for i, row in enumerate(rows))
     assert all(("loss/policy" in row) == (i >= IMITATIONS) for i, row in enumerate(rows))
-    # From there the exploration is learnt, too.
+    # From there the exploration is learned, too.
     before, after = (states[i].params["params"]["policy_head"]["log_std"] for i in (IMITATIONS, -1))
     assert np.all(before != after)
     assert int(states[-1].iteration) == ITERATIONS
@@ -124,11 +124,11 @@ def test_adam_begins_anew_with_ppo(run):
 
 def test_the_rate_falls_where_it_is_asked_to(run):
     trainer, teacher, *_ = run
-    assert [float(trainer.rate(jp.array(i))) for i in (0, IMITATIONS)] == pytest.approx([3e-3, 3e-3])
+    assert [float(trainer.imitation_rate(jp.array(i))) for i in (0, IMITATIONS)] == pytest.approx([3e-3, 3e-3])
     falling = dataclasses.replace(trainer.config.distill, learning_rate_decay=True)
     config = dataclasses.replace(trainer.config, distill=falling)
     other = DistillTrainer(config, KnownProbe(), teacher, make_mesh(jax.devices()[:2]))
-    rates = [float(other.rate(jp.array(i))) for i in (0, IMITATIONS // 2, IMITATIONS)]
+    rates = [float(other.imitation_rate(jp.array(i))) for i in (0, IMITATIONS // 2, IMITATIONS)]
     assert rates == pytest.approx([3e-3, 3e-3 * (1 - (IMITATIONS // 2) / IMITATIONS), 0.0])
 
 

@@ -9,11 +9,11 @@ import pytest
 
 from loco_mjx.config import PPOConfig
 from loco_mjx.env import autoreset
-from loco_mjx.networks import hold
 from loco_mjx.networks.policies import DEPTH, Networks
 from loco_mjx.ppo import distribution
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.ppo.rollout import collect, policy_input
+from loco_mjx.ppo.actor import held_since, policy_input
+from loco_mjx.ppo.rollout import collect
 from loco_mjx.ppo.update import experience
 from tests.ppo.probes import SignProbe
 from tests.ppo.test_rollout import ENVS, STEPS, _Linear
@@ -67,6 +67,6 @@ def test_the_view_changes_on_the_windows_clock_and_at_an_episodes_start(held):
     assert changed[clock].any() and changed[fresh].any()
 
 
-def test_refresh_step_by_hand():
+def test_the_step_whose_depth_is_held_by_hand():
     step, start = jp.array([0, 3, 5, 7, 7, 10]), jp.array([-3, -3, -3, 6, 2, 10])
-    np.testing.assert_array_equal(hold.refresh_step(step, start, 4), [0, 0, 4, 6, 4, 10])
+    np.testing.assert_array_equal(held_since(step, start, 4), [0, 0, 4, 6, 4, 10])

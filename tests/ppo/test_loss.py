@@ -13,7 +13,7 @@ import pytest
 from loco_mjx.config import PPOConfig
 from loco_mjx.networks.policies import Outputs
 from loco_mjx.ppo import distribution
-from loco_mjx.ppo.loss import Batch, loss, masked_mean, normalized_advantage
+from loco_mjx.ppo.loss import Minibatch, loss, masked_mean, normalized_advantage
 
 CONFIG = PPOConfig(clip=0.2, entropy=0.01, value_loss=0.5)
 
@@ -28,7 +28,7 @@ def _case(ratios, advantage, weight=None, value=0.0, target=0.0):
     new = distribution.log_prob(action, outputs.mean, outputs.log_std)
     advantage = jp.array(advantage, jp.float32)
     weight = jp.ones(count) if weight is None else jp.array(weight, jp.float32)
-    batch = Batch(action, new - jp.log(jp.array(ratios)), target - advantage, advantage, weight)
+    batch = Minibatch(action, new - jp.log(jp.array(ratios)), target - advantage, advantage, weight)
     return outputs, batch
 
 
@@ -75,8 +75,8 @@ def test_reset_rows_reach_neither_loss_nor_gradient():
 
     changes = {
         f.name: perturbed(getattr(batch, f.name))
-        for f in dataclasses.fields(Batch)
-        if f.name not in ("weight", "label")
+        for f in dataclasses.fields(Minibatch)
+        if f.name not in ("weight", "teacher_action")
     }
     jax.tree.map(np.testing.assert_array_equal, run(batch), run(batch.replace(**changes)))
     gradient = run(batch)[1]

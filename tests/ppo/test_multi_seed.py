@@ -95,7 +95,7 @@ def test_seeds_in_the_wrong_places_would_be_noticed(together, alone):
 def test_the_first_actions_draw_the_same_noise(together):
     """The noise, (action − mean) / std, to rounding; the initial Gaussian has mean nearly 0 and std 1."""
     trainer = together.trainer
-    collect = jax.jit(jax.vmap(trainer.collect_part))
+    collect = jax.jit(jax.vmap(trainer.collect_on_device))
     states, pools = together.init(), together.make_pool(0)
     _, rollouts, _ = collect(jax.device_get(states), jax.device_get(pools))
     for i, seed in enumerate(SEEDS):

@@ -15,7 +15,8 @@ from loco_mjx.env import autoreset
 from loco_mjx.networks.policies import DEPTH, STATE, Networks, Outputs
 from loco_mjx.ppo import distribution, frame_stack
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.ppo.rollout import averages, collect, policy_input
+from loco_mjx.ppo.actor import policy_input
+from loco_mjx.ppo.rollout import averages, collect
 from loco_mjx.ppo.update import experience
 from tests.ppo.probes import BrokenProbe, SignProbe
 

@@ -10,7 +10,7 @@ import pytest
 from loco_mjx.errors import UserError
 from loco_mjx.mesh import make_mesh
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.ppo.actor import make_inference
+from loco_mjx.ppo.actor import Actor
 from loco_mjx.ppo.trainer import Trainer
 from tests.ppo.probes import BrokenProbe, Probe, tiny
 
@@ -120,17 +120,18 @@ def test_learns_and_nothing_that_is_not_finite_reaches_the_parameters(two):
     assert all(metrics["nonfinite"] > 10 and metrics["skipped_updates"] == 0 for metrics in history)
     # Two of three rewards can be earned, by acting as the sign says.
     assert abs(history[0]["step/reward"]) < 0.2 and history[-1]["step/reward"] > 0.4
-    act = make_inference(two.networks, state.params, state.normalizer, deterministic=True)
+    actor = Actor(two.networks, state.params, state.normalizer)
     obs = {"state": jp.array([[1.0, 0.5], [-1.0, 0.5]])}
-    actions = jax.jit(act)(obs, jax.random.PRNGKey(0))
+    actions, _ = jax.jit(actor.act)(obs)
     assert float(actions[0, 0]) > 0.7 and float(actions[1, 0]) < -0.7
 
 
 def test_stochastic_inference_draws_from_the_gaussian(two):
     state = two.init()  # mean near 0, standard deviation 1
-    draw = make_inference(two.networks, state.params, state.normalizer, deterministic=False)
+    actor = Actor(two.networks, state.params, state.normalizer, deterministic=False)
     obs = {"state": jp.array([[1.0, 0.5], [-1.0, 0.5]])}
-    drawn = np.asarray(jax.jit(jax.vmap(draw, (None, 0)))(obs, jax.random.split(jax.random.PRNGKey(0), 4000)))
+    keys = jax.random.split(jax.random.PRNGKey(0), 4000)
+    drawn = np.asarray(jax.jit(jax.vmap(lambda key: actor.act(obs, key=key)[0]))(keys))
     assert drawn.shape == (4000, 2, 1) and np.abs(drawn).max() <= 1.0
     np.testing.assert_allclose(np.arctanh(drawn).std(0), 1.0, rtol=0.05)
     np.testing.assert_allclose(np.arctanh(drawn).mean(0), 0.0, atol=0.1)

@@ -70,7 +70,7 @@ def _update(learned, rollout, key, rate=1e-2, chunk=None, config=CONFIG):
     return lib.update(NETWORKS, config, learned, _data(rollout), key, jp.asarray(rate, jp.float32), None, chunk)
 
 
-_descend = jax.jit(partial(lib.descend, CONFIG))
+_apply_gradients = jax.jit(partial(lib.apply_gradients, CONFIG))
 
 
 def _assert_close(got, expected, **tolerance):
@@ -144,7 +144,7 @@ def test_gradient_norm_is_clipped(learned):
     params, opt_state = learned
     grads = jax.tree.map(lambda x: jp.full(x.shape, 100.0), params)
     norm = 100.0 * np.sqrt(sum(x.size for x in jax.tree.leaves(params)))
-    (_, new_state), metrics = _descend((params, opt_state), grads, jp.array(1e-2))
+    (_, new_state), metrics = _apply_gradients((params, opt_state), grads, jp.array(1e-2))
     np.testing.assert_allclose(metrics["grad_norm"], norm, rtol=1e-5)
     # Adam's first moment is a tenth of the gradient that reached it.
     first_moment = new_state[1].mu
@@ -154,7 +154,7 @@ def test_gradient_norm_is_clipped(learned):
 
 def test_first_step_of_adam_moves_by_the_rate(learned):
     grads = jax.tree.map(lambda x: jp.full(x.shape, -1e-2), learned[0])
-    (params, _), _ = _descend(learned, grads, jp.array(1e-2))
+    (params, _), _ = _apply_gradients(learned, grads, jp.array(1e-2))
     _assert_close(params, jax.tree.map(lambda x: x + 1e-2, learned[0]), rtol=1e-2, atol=1e-4)
 
 
@@ -162,7 +162,7 @@ def test_first_step_of_adam_moves_by_the_rate(learned):
 def test_a_gradient_that_is_not_finite_changes_nothing(learned, bad):
     grads = jax.tree.map(jp.ones_like, learned[0])
     grads["params"]["log_std"] = grads["params"]["log_std"].at[0].set(bad)
-    after, metrics = _descend(learned, grads, jp.array(1e-2))
+    after, metrics = _apply_gradients(learned, grads, jp.array(1e-2))
     jax.tree.map(np.testing.assert_array_equal, after, learned)
     assert float(metrics["usable"]) == 0.0
 
@@ -213,7 +213,7 @@ def test_separate_optimisers_clip_and_step_each_by_itself(learned, key):
     # What serves one alone has no gradient of the other.
     assert float(jp.abs(grads["policy"]["params"]["Dense_1"]["kernel"]).max()) == 0
     assert float(jp.abs(grads["value"]["params"]["Dense_0"]["kernel"]).max()) == 0
-    (after, _), _ = lib.descend(config, (params, optimizer.init(params)), grads, jp.array(1e-2))
+    (after, _), _ = lib.apply_gradients(config, (params, optimizer.init(params)), grads, jp.array(1e-2))
 
     def step(grads):
         norm = np.sqrt(sum(float((g**2).sum()) for g in jax.tree.leaves(grads)))

@@ -114,7 +114,7 @@ def test_json_that_is_nested_too_deeply_is_refused(tmp_path):
 
 
 def test_about_names_versions_devices_and_commit():
-    found = provenance.about(["loco-mjx", "train"])
+    found = provenance.describe(["loco-mjx", "train"])
     assert set(found["versions"]) >= {"python", "jax", "mujoco", "mujoco-mjx", "flax", "optax", "loco-mjx"}
     assert "not installed" not in found["versions"].values()
     assert found["devices"]["count"] >= 1
