@@ -99,6 +99,7 @@ def evaluate(
     seed: int = 0,
     stochastic: bool = False,
     randomize: bool = False,
+    step: int | str | None = None,
 ) -> dict[str, Any]:
     """Evaluates a policy for episodes, each in a newly generated scene; that of a run is also kept in the run.
 
@@ -110,6 +111,7 @@ def evaluate(
         seed: of the scenes; the same seed gives the same episodes.
         stochastic: draw actions instead of taking their mean.
         randomize: draw dynamics, latency and blind pixels for each episode.
+        step: which of a run's checkpoints: the samples trained at it, or "best"; None: the newest.
 
     Returns:
         What was evaluated, and `metrics`: of each its `mean` and `std` over the episodes, or over the seeds.
@@ -119,11 +121,14 @@ def evaluate(
     """
     directory = policies.find(Path(path))
     if trained.is_exported(directory):  # a folder to be left as it is
-        return report.evaluate_policy(trained.load(directory), str(path), task, episodes, seed, stochastic, randomize)
+        return report.evaluate_policy(
+            trained.load(directory, step), str(path), task, episodes, seed, stochastic, randomize
+        )
     run: Callable[..., dict[str, Any]] = report.evaluate
     if multi_seed.holds_seeds(directory):
         run = multi_seed.evaluate
-    return run(directory, task=task, episodes=episodes, seed=seed, stochastic=stochastic, randomize=randomize)
+    how = {"episodes": episodes, "seed": seed, "stochastic": stochastic, "randomize": randomize, "step": step}
+    return run(directory, task, **how)
 
 
 class Policy:
@@ -171,13 +176,17 @@ class Policy:
         return np.asarray(action)
 
 
-def load_policy(path: str | Path) -> Policy:
-    """The newest policy of a run, the one in an exported folder, or a shipped one by its name.
+def load_policy(path: str | Path, step: int | str | None = None) -> Policy:
+    """The policy of a run, the one in an exported folder, or a shipped one by its name.
+
+    Args:
+        path: of the run or the folder, or the name.
+        step: which of a run's checkpoints: the samples trained at it, or "best"; None: the newest.
 
     Raises:
         UserError: if there is none, or none that can be read.
     """
-    return Policy(trained.load(policies.find(Path(path))))
+    return Policy(trained.load(policies.find(Path(path)), step))
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import tyro
 
+from loco_mjx.cli.options import Step
 from loco_mjx.cli.output import one_object
 from loco_mjx.cli.parse import parse
 from loco_mjx.ranges import COUNT, SEED
@@ -34,6 +35,8 @@ class Options:
     """Draw actions from the policy's Gaussian instead of taking its mean."""
     randomize: bool = False
     """Draw dynamics, latency and blind pixels for each episode."""
+    step: Step = None
+    """Which checkpoint of the run: the samples trained at it, or best by evaluation; None: the newest."""
     json: bool = False
     """Print one JSON object and nothing else."""
 
@@ -59,6 +62,7 @@ def main(args: Sequence[str]) -> int:
             options.seed,
             options.stochastic,
             options.randomize,
+            options.step,
         )
         show(result, (multi_seed if "seeds_trained" in result else report).table(result))
     return 0

@@ -9,6 +9,7 @@ from pathlib import Path
 import tyro
 
 from loco_mjx import policies
+from loco_mjx.cli.options import Step
 from loco_mjx.cli.parse import parse
 
 PROG = "loco-mjx export"
@@ -16,12 +17,14 @@ PROG = "loco-mjx export"
 
 @dataclass(frozen=True)
 class Options:
-    """Writes the newest policy of a run: ONNX, its description, raw parameters, and StableHLO."""
+    """Writes the policy of a run: ONNX, its description, raw parameters, and StableHLO."""
 
     directory: tyro.conf.Positional[Path]
     """The run's directory, or the name of a shipped policy."""
     out: Path = Path("policy")
     """Folder to write; made if it does not exist."""
+    step: Step = None
+    """Which checkpoint of the run: the samples trained at it, or best by evaluation; None: the newest."""
 
 
 def main(args: Sequence[str]) -> int:
@@ -36,7 +39,7 @@ def main(args: Sequence[str]) -> int:
     machine.set_up()
     from loco_mjx.deploy import export
 
-    manifest = export.export(policies.find(options.directory), options.out)
+    manifest = export.export(policies.find(options.directory), options.out, options.step)
     training, inputs = manifest["training"], ", ".join(manifest["inputs"])
     print(f"wrote {options.out}: {manifest['policy']} trained on {training['task']} ({training['samples']:,} samples)")
     print(f"in: {inputs}; out: 12 joint targets, rad; next: loco-mjx deploy {options.out} --task {training['task']}")

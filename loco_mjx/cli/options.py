@@ -1,14 +1,17 @@
-"""How tyro makes options of the configuration's weights of registered terms: `--env.reward.NAME`, beside the others."""
+"""Options that several commands have, and how tyro makes them of the weights of registered terms."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from tyro import constructors
 
 from loco_mjx.config.reward_terms import Weights
+from loco_mjx.ranges import Range
 
+# A checkpoint of a run: the samples trained at it, or the best by evaluation; None: the newest.
+Step = Annotated[int, Range(0, 2**31 - 1)] | Literal["best"] | None
 REGISTRY = constructors.ConstructorRegistry()
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from loco_mjx import policies
+from loco_mjx.cli.options import Step
 from loco_mjx.cli.parse import parse
 from loco_mjx.cli.scene import choose_gl
 from loco_mjx.errors import UserError
@@ -36,6 +37,8 @@ class Options:
     """Open a live viewer for the browser, until Ctrl-C."""
     task: str | None = None
     """Task to run on; None: the one it was trained on, or thin."""
+    step: Step = None
+    """Which checkpoint of the run: the samples trained at it, or best by evaluation; None: the newest."""
     seed: SEED = 0
     """Of the scene; the first episode is the first of `loco-mjx evaluate` with this seed."""
     seconds: Annotated[float, Range(0, 600, above=True)] = 10.0
@@ -112,7 +115,9 @@ def _agent(options: Options) -> Agent:
     from loco_mjx.deploy import trained
     from loco_mjx.show.rollout import Agent
 
-    policy = trained.load(policies.find(options.directory)) if options.directory is not None else None
+    policy = None
+    if options.directory is not None:
+        policy = trained.load(policies.find(options.directory), options.step)
     return Agent("zero" if options.zero else "random" if options.random else "policy", policy)
 
 

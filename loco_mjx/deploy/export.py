@@ -28,12 +28,13 @@ PLATFORMS = ("cpu", "cuda", "tpu")  # the StableHLO artefact runs on
 KEYS = {STATE: STATE_KEY, DEPTH: DEPTH_KEY}  # the environment's name of each input
 
 
-def export(run: Path, out: Path) -> dict[str, Any]:
-    """Writes the newest policy of a run.
+def export(run: Path, out: Path, step: int | str | None = None) -> dict[str, Any]:
+    """Writes the policy of a run.
 
     Args:
         run: the run's directory, or the folder of a policy that was exported.
         out: folder to write; made if it does not exist.
+        step: which of the run's checkpoints, as for :func:`loco_mjx.run.policy.load_policy`.
 
     Returns:
         What ``policy.json`` holds.
@@ -44,7 +45,10 @@ def export(run: Path, out: Path) -> dict[str, Any]:
     _check_out(out)
     _check_onnx_installed()
     evaluation = latest_evaluation(run)
-    return write(trained.load(run), out, evaluation)
+    policy = trained.load(run, step)
+    if step is not None and evaluation is not None and evaluation["samples"] != policy.samples:
+        evaluation = None  # of another checkpoint
+    return write(policy, out, evaluation)
 
 
 def write(

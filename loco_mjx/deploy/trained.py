@@ -26,14 +26,20 @@ def is_exported(path: Path) -> bool:
     return (path / folder.MANIFEST).is_file() and not (path / CONFIG).exists()
 
 
-def load(path: Path) -> TrainedPolicy:
-    """The newest policy of the run in a directory, or the one in a folder that `loco-mjx export` wrote.
+def load(path: Path, step: int | str | None = None) -> TrainedPolicy:
+    """The policy of the run in a directory, or the one in a folder that `loco-mjx export` wrote.
+
+    Args:
+        path: the directory, or the folder.
+        step: which of a run's checkpoints to take, as for :func:`loco_mjx.run.policy.load_policy`.
 
     Raises:
         UserError: if there is no run and no policy, no checkpoint yet, or none that can be read.
     """
     if not is_exported(path):
-        return load_policy(path)
+        return load_policy(path, step)
+    if step is not None:
+        raise UserError(f"{path} holds one policy; accepted: --step for the directory of a run")
     manifest = folder.read(path)
     try:
         config = from_dict(Config, dict(manifest.raw["config"]))

@@ -29,8 +29,9 @@ def evaluate(
     seed: int = 0,
     stochastic: bool = False,
     randomize: bool = False,
+    step: int | str | None = None,
 ) -> dict[str, Any]:
-    """Evaluates the newest policy of a run, and writes the result into the run's `evaluation/`.
+    """Evaluates the policy of a run, and writes the result into the run's `evaluation/`.
 
     Args:
         directory: the run's.
@@ -39,6 +40,7 @@ def evaluate(
         seed: of the scenes and of whatever else is random.
         stochastic: draw actions instead of taking the mean.
         randomize: draw dynamics, latency and blind pixels.
+        step: which of its checkpoints, as for :func:`loco_mjx.run.policy.load_policy`.
 
     Returns:
         What was evaluated, `metrics` with mean and std over the episodes, `episodes` with each one's figures.
@@ -48,7 +50,7 @@ def evaluate(
     """
     if task is not None:
         get_task(task)  # refuses an unknown name before anything is read
-    result = evaluate_policy(load_policy(directory), str(directory), task, episodes, seed, stochastic, randomize)
+    result = evaluate_policy(load_policy(directory, step), str(directory), task, episodes, seed, stochastic, randomize)
     keep(directory, result)
     return result
 

@@ -5,15 +5,17 @@ A checkpoint is ``checkpoints/<step>/`` with two Orbax trees, the curves and a m
 - ``state/``: everything training needs to go on: parameters, optimiser, normaliser, environments, keys, step
 - ``policy/``: parameters and normaliser alone, for evaluation
 - ``curves.csv``: the rows of metrics.csv so far
-- ``manifest.json``: step, configuration, the size and CRC-32 of every file, and a CRC-32 of all of that
+- ``manifest.json``: step, configuration, score, the size and CRC-32 of every file, and a CRC-32 of all of that
 
 It is written under another name and renamed when it is whole, so a directory with a number for a name is complete. The
-last two are kept; one that was damaged or renamed later is found out by its manifest, and the one before it is used.
+last two are kept, the best by evaluation, and one every so many samples where that is asked for: Orbax's policies
+decide. One that was damaged or renamed later is found out by its manifest, and the one before it is used.
 """
 
 from __future__ import annotations
 
 import contextlib
+import datetime
 import json
 import logging
 import os
@@ -22,6 +24,8 @@ import shutil
 import sys
 import zlib
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +36,8 @@ from loco_mjx.errors import FULL, UserError, unwritable
 from loco_mjx.run.directory import ABSENT, EXTENDABLE, NOTED, compared, open_new, read_json, write_json
 
 CHECKPOINTS, STATE, POLICY, CURVES, MANIFEST = "checkpoints", "state", "policy", "curves.csv", "manifest.json"
-KEEP = 2
+LATEST = 2  # how many of the newest are kept
+BEST = "best"  # in place of a step: the checkpoint with the highest score
 _NAME = r"[1-9]\d{12,}|\d{12}"  # as path_of makes them
 _PARTIAL, _OLD = ".partial-", ".old-"
 _BLOCK = 1 << 22  # bytes read at once
@@ -63,13 +68,53 @@ def newest(directory: Path) -> int:
     return next((step for step in steps(directory) if damage(path_of(directory, step), STATE) is None), 0)
 
 
+def choose(directory: Path, wanted: int | str) -> int:
+    """The step of the checkpoint that somebody wants.
+
+    Args:
+        directory: of the run.
+        wanted: the samples trained at it, or BEST.
+
+    Raises:
+        UserError: if the run has none such.
+    """
+    there = steps(directory)
+    if wanted == BEST:
+        scores = {step: score for step in there if (score := score_of(path_of(directory, step))) is not None}
+        if not scores:
+            raise UserError(f"no checkpoint of {directory} was evaluated; accepted: --step with a number of samples")
+        return max(scores, key=lambda step: scores[step])
+    if wanted not in there:
+        accepted = ", ".join(map(str, sorted(there))) or "none, for it has no checkpoint yet"
+        raise UserError(f"{directory} has no checkpoint at {wanted} samples; accepted: {accepted}")
+    return int(wanted)
+
+
+def score_of(checkpoint: Path) -> float | None:
+    """The return of the evaluation at a checkpoint; None if there was none, or its manifest cannot be read."""
+    try:
+        score = read_json(checkpoint / MANIFEST).get("score")
+        return None if score is None else float(score)
+    except (UserError, AttributeError, TypeError, ValueError):
+        return None
+
+
 def path_of(directory: Path, step: int) -> Path:
     """Where the checkpoint of a step lies."""
     return directory / CHECKPOINTS / f"{step:012d}"
 
 
-def save(directory: Path, step: int, state: Any, policy: Policy, config: Config, curves: str = "") -> Path:
-    """Writes a checkpoint, then removes all but the last two.
+def save(
+    directory: Path,
+    step: int,
+    state: Any,
+    policy: Policy,
+    config: Config,
+    curves: str = "",
+    score: float | None = None,
+    keep_every: int | None = None,
+) -> Path:
+    """Writes a checkpoint, then removes those that need not be kept.
 
     Args:
         directory: the run's.
@@ -78,6 +123,8 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config,
         policy: a pytree of arrays, what evaluation needs.
         config: the run's configuration.
         curves: the rows of its metrics.csv.
+        score: the return of an evaluation at this step; None without one.
+        keep_every: samples between checkpoints that are kept for good; None: none is.
 
     Raises:
         UserError: if the disk is full or not writable.
@@ -92,7 +139,7 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config,
         with open_new(partial / CURVES) as file:
             file.write(curves)
         files = {str(path.relative_to(partial)): _fingerprint(path) for path in _files(partial)}
-        manifest = {"step": step, "config": to_dict(config), "files": files}
+        manifest = {"step": step, "config": to_dict(config), "score": score, "files": files}
         write_json(partial / MANIFEST, manifest | {"checksum": _checksum(manifest)})
         _remove(final)  # a damaged checkpoint of the same step, from which this run did not resume
         partial.rename(final)
@@ -101,7 +148,9 @@ def save(directory: Path, step: int, state: Any, policy: Policy, config: Config,
         with contextlib.suppress(OSError):
             _remove(partial)
         raise unwritable(f"the checkpoint {final}", _system_error(error), "make room or access") from error
-    _prune(directory)
+    for old in sorted(set(steps(directory)) - kept(directory, keep_every, config.ppo.samples_per_iteration)):
+        _take_away(path_of(directory, old))
+    _remove_leftovers(directory)
     return final
 
 
@@ -126,7 +175,7 @@ def drop_after(directory: Path, step: int) -> None:
     for newer in steps(directory):
         if newer > step:
             _take_away(path_of(directory, newer))
-    _prune(directory)
+    _remove_leftovers(directory)
 
 
 def restore(
@@ -165,6 +214,8 @@ def restore(
         problems.append(problem)
     if not problems:
         return None
+    if at is not None:
+        raise UserError("; ".join(problems))
     folder = directory / CHECKPOINTS
     raise UserError(f"{'; '.join(problems)}; no whole checkpoint is left: delete {folder} to start again")
 
@@ -278,10 +329,47 @@ def _name(path: Any) -> str:
     return jax.tree_util.keystr(path, simple=True, separator=".").replace("/", ":")
 
 
-def _prune(directory: Path) -> None:
-    """Removes older checkpoints, and what kills have left behind. A name is taken away before the content."""
-    for step in steps(directory)[KEEP:]:
-        _take_away(path_of(directory, step))
+@dataclass(frozen=True)
+class _Info:
+    """What Orbax's policies read of a checkpoint."""
+
+    step: int
+    metrics: dict[str, Any] | None
+    time: datetime.datetime
+
+
+def kept(directory: Path, every: int | None, per_iteration: int) -> set[int]:
+    """The steps of the checkpoints that are kept: the last two, the best, and the first ones after every so often.
+
+    Args:
+        directory: of the run.
+        every: samples between those that are kept for good; None: none is.
+        per_iteration: samples of an iteration.
+    """
+    from orbax.checkpoint import checkpoint_managers as managers
+
+    there = sorted(steps(directory))
+    scores = {step: score_of(path_of(directory, step)) for step in there}
+    infos = [
+        _Info(step, None if score is None else {"score": score}, datetime.datetime.fromtimestamp(0, datetime.UTC))
+        for step, score in scores.items()
+    ]
+    policies = [
+        managers.LatestN(LATEST),
+        managers.BestN(n=1, get_metric_fn=itemgetter("score"), keep_checkpoints_without_metrics=False),
+        managers.CustomSteps([step for step in there if passes(step, every, per_iteration)]),
+    ]
+    keep = managers.AnyPreservationPolicy(policies).should_preserve(infos, context=managers.PreservationContext())
+    return {step for step, stays in zip(there, keep, strict=True) if stays}
+
+
+def passes(step: int, every: int | None, per_iteration: int) -> bool:
+    """Whether the iteration that ended at a step went past a multiple of `every` samples."""
+    return every is not None and step > 0 and step % every < per_iteration
+
+
+def _remove_leftovers(directory: Path) -> None:
+    """Removes what kills have left behind, and checkpoints whose names were taken away."""
     for prefix in (_PARTIAL, _OLD):
         for leftover in (directory / CHECKPOINTS).glob(prefix + "*"):
             with contextlib.suppress(OSError):

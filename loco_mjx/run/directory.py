@@ -3,7 +3,7 @@
 - ``config.json``: the whole configuration
 - ``info.json``: versions, devices, commit and command of the first start, and of each resumption
 - ``metrics.csv``: the curves; tensorboard/ holds the same
-- ``checkpoints/``: the last two states (see loco_mjx/run/checkpoint.py)
+- ``checkpoints/``: the last two states, the best by evaluation, and others (see loco_mjx/run/checkpoint.py)
 - ``evaluation/``: what `loco-mjx evaluate` found
 - ``teacher/``: the run of its teacher, for method `distill`
 """

@@ -61,6 +61,11 @@ class Logger:
         """What the file holds, or is to hold."""
         return rows_lib.text_of(self._rows, self._columns)
 
+    def value(self, step: int, name: str) -> float | None:
+        """A metric of the last row, if that is of a step and has it."""
+        last = self._rows[-1] if self._rows else {}
+        return float(last[name]) if last.get(STEP) == str(step) and last.get(name) else None
+
     def open(self) -> None:
         """Writes the file up to the step resumed from, and begins a new one for TensorBoard.
 

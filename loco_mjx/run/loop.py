@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from loco_mjx.config import Config
+from loco_mjx.config.tree import TotalSteps
 from loco_mjx.errors import UserError, is_full, unwritable
 from loco_mjx.ranges import COUNT, Range
 from loco_mjx.run import checkpoint, machine, multihost
@@ -68,11 +69,13 @@ class LoopOptions:
     """When to save and to evaluate; none of it changes what is learnt."""
 
     checkpoint_minutes: Annotated[float, Range(0, 100_000)] = 5.0
-    """Minutes between checkpoints; one is also written at the end, and when stopped."""
+    """Minutes between checkpoints; one is also written at each evaluation, at the end, and when stopped."""
     evaluations: Annotated[int, Range(0, 100_000)] = 10
     """Evaluations of the deterministic policy over the run, besides one at its start; 0 for none."""
     evaluation_episodes: COUNT = 8
     """Episodes of one such evaluation."""
+    keep_every: TotalSteps | None = None
+    """Samples between checkpoints that are kept for good; the last two and the best by evaluation always are."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +201,7 @@ class _Loop:
             iteration += 1
             self._say_age(iteration - first)
             samples = iteration * self.per_iteration
-            time_to_save = time.monotonic() - saved_at >= 60 * self.options.checkpoint_minutes
+            time_to_save = self._time_to_save(iteration, time.monotonic() - saved_at)
             time_to_save, signal, failed = multihost.agreed(time_to_save, self._signal(), self._failure() is not None)
             if time_to_save and not failed:
                 self._save(state, samples)
@@ -255,6 +258,11 @@ class _Loop:
         if problems:
             raise UserError("; ".join(problems))
 
+    def _time_to_save(self, done: int, seconds: float) -> bool:
+        """Whether to save after this many iterations, seconds after the last time."""
+        kept = checkpoint.passes(done * self.per_iteration, self.options.keep_every, self.per_iteration)
+        return kept or self._time_to_evaluate(done) or seconds >= 60 * self.options.checkpoint_minutes
+
     def _time_to_evaluate(self, done: int) -> bool:
         """Whether to evaluate after this many iterations: the first, then at even distances, then the last."""
         if not self.evaluations or not self.options.evaluations:
@@ -294,7 +302,7 @@ class _Loop:
         for log, part in zip(self.logs, self.learner.split(state), strict=True):
             if log.problem is None:
                 try:
-                    log.save(samples, part)
+                    log.save(samples, part, self.options.keep_every)
                 except UserError as error:
                     problems.append(error)
         if problems:

@@ -43,8 +43,12 @@ class TrainedPolicy:
         return Actor(self.networks, self.params, self.normalizer, deterministic)
 
 
-def load_policy(path: Path) -> TrainedPolicy:
-    """The newest policy of the run in a directory.
+def load_policy(path: Path, step: int | str | None = None) -> TrainedPolicy:
+    """The policy of the run in a directory.
+
+    Args:
+        path: the directory.
+        step: the samples trained at the checkpoint to take, or "best"; None: the newest.
 
     Raises:
         UserError: if there is no run, no checkpoint yet, or none that can be read.
@@ -53,7 +57,8 @@ def load_policy(path: Path) -> TrainedPolicy:
     needs.check(config, path)
     networks = make_networks(config.policy, config.network, config.env.action.size)
     template = _template(config, networks)
-    restored = checkpoint.restore(path, template, config, _to_stderr, checkpoint.POLICY)
+    at = None if step is None else checkpoint.choose(path, step)
+    restored = checkpoint.restore(path, template, config, _to_stderr, checkpoint.POLICY, at)
     if restored is None:
         raise UserError(f"the run in {path} has no checkpoint yet; let `loco-mjx train` go on until it has saved one")
     policy, samples = restored

@@ -15,6 +15,7 @@ from loco_mjx.run.directory import CONFIG, LOCK
 from loco_mjx.run.logger import Logger
 
 Row = dict[str, float]
+SCORE = "eval/return"  # by which the best checkpoint is chosen
 NONFINITE = "nonfinite/"  # the learner's metrics of how many numbers of its state are NaN or infinite
 
 
@@ -66,8 +67,13 @@ class RunLog:
         except UserError as error:
             self.failure = error
 
-    def save(self, samples: int, state: Any) -> None:
+    def save(self, samples: int, state: Any, keep_every: int | None = None) -> None:
         """Writes a checkpoint of the whole state, wherever its parts lie; every process is to call it.
+
+        Args:
+            samples: trained so far.
+            state: the training state.
+            keep_every: samples between checkpoints that are kept for good; None: none is.
 
         Raises:
             UserError: if the disk is full or not writable, or the run's directory has gone.
@@ -76,7 +82,8 @@ class RunLog:
         if self._logger is not None:
             self._check_place()
             policy, curves = policy_of(state), self._logger.text
-            checkpoint.save(self.run.directory, samples, state, policy, self.run.config, curves)
+            score = self._logger.value(samples, SCORE)
+            checkpoint.save(self.run.directory, samples, state, policy, self.run.config, curves, score, keep_every)
 
     def __enter__(self) -> RunLog:
         """Opens the files.

@@ -46,6 +46,19 @@ def test_evaluate_prints_one_json_object_and_keeps_it(trained, capsys):
     assert kept.name == "thin-32-seed0.json"
 
 
+def test_step_picks_the_checkpoint(trained, capsys, tmp_path):
+    (newest,) = (trained / "checkpoints").iterdir()
+    shutil.copytree(newest, newest.with_name("000000000064"))  # no checkpoint of its own: what is newest
+    assert main(["evaluate", str(trained), "--episodes", "1", "--step", "32", "--json"]) == 0
+    assert only_object(capsys.readouterr().out)["samples"] == 32
+    for verb in ("evaluate", "export", "play"):
+        for step, said in (("48", "accepted: 32, 64"), ("best", "was evaluated"), ("64", "under another name")):
+            more = ["--video", str(tmp_path / "film.mp4")] if verb == "play" else []
+            assert main([verb, str(trained), "--step", step, *more]) == 2
+            err = capsys.readouterr().err
+            assert said in err and len(err.splitlines()) == 1
+
+
 def test_evaluate_over_seeds_gives_mean_and_deviation_of_the_seeds_means(trained, capsys, tmp_path):
     folder = tmp_path / "method"
     shutil.copytree(trained, folder / "seed3")

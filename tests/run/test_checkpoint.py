@@ -56,6 +56,29 @@ def test_the_last_two_are_kept(tmp_path):
     assert sorted(entry.name for entry in (tmp_path / "checkpoints").iterdir()) == ["000000000002", "000000000003"]
 
 
+def test_the_best_by_evaluation_is_kept_too_and_one_every_so_often(tmp_path):
+    size = CONFIG.ppo.samples_per_iteration
+    scores, every = {1: 1.0, 2: 5.0, 5: 2.0, 8: 4.0}, 3 * size + 5  # passed in iterations 4 and 7
+    for i in range(1, 9):
+        policy = {"params": jp.float32(i)}
+        checkpoint.save(tmp_path, i * size, policy, policy, CONFIG, score=scores.get(i), keep_every=every)
+    assert [step // size for step in checkpoint.steps(tmp_path)] == [8, 7, 4, 2]
+    assert checkpoint.choose(tmp_path, "best") == 2 * size and checkpoint.choose(tmp_path, 4 * size) == 4 * size
+    with pytest.raises(UserError, match=f"no checkpoint at {size} samples; accepted: {2 * size}, {4 * size}"):
+        checkpoint.choose(tmp_path, size)
+    found = checkpoint.restore(tmp_path, policy, CONFIG, print, checkpoint.POLICY, 4 * size)
+    assert found is not None and float(found[0]["params"]) == 4.0
+    # The next one's evaluation is better: the best until then is no longer.
+    checkpoint.save(tmp_path, 9 * size, policy, policy, CONFIG, score=6.0, keep_every=every)
+    assert [step // size for step in checkpoint.steps(tmp_path)] == [9, 8, 7, 4]
+
+
+def test_without_an_evaluation_there_is_no_best(tmp_path):
+    save(tmp_path, 1)
+    with pytest.raises(UserError, match=r"no checkpoint .* was evaluated"):
+        checkpoint.choose(tmp_path, "best")
+
+
 @pytest.mark.parametrize("harm", ["truncate", "delete", "flip", "manifest"])
 def test_a_damaged_checkpoint_is_named_and_the_one_before_it_used(tmp_path, harm):
     save(tmp_path, 1, 2)
@@ -180,7 +203,7 @@ class Killed(BaseException):
     pass
 
 
-@pytest.mark.parametrize("moment", ["_write_trees", "write_json", "_sync", "_prune"])
+@pytest.mark.parametrize("moment", ["_write_trees", "write_json", "_sync", "kept"])
 def test_a_kill_at_any_stage_of_a_save_leaves_a_good_one(tmp_path, monkeypatch, moment):
     save(tmp_path, 1, 2)
 

@@ -224,6 +224,16 @@ def test_evaluations_are_at_the_start_at_even_distances_and_at_the_end(tmp_path,
     assert [row["eval/distance"] for row in rows(tmp_path)] == ["1.0", "", "3.0", "", "", "6.0"]
 
 
+def test_what_did_best_is_kept_and_what_a_checkpoint_scored_is_its_own_evaluation(tmp_path, trainer, reporter):
+    options = loop.LoopOptions(checkpoint_minutes=60.0, evaluations=3, keep_every=33)  # at 1, 2, 4, 6 of 6 iterations
+    falling = lambda state: {"return": -float(state.iteration)}  # noqa: E731
+    loop.run(trainer, tiny_config(), tmp_path, options, reporter, falling)
+    # 64 is past 33, 96 past 66, 128 past 99, 160 past 132, 192 past 165.
+    assert checkpoint.steps(tmp_path) == [192, 160, 128, 96, 64, 32]
+    assert [checkpoint.score_of(checkpoint.path_of(tmp_path, step)) for step in (192, 96, 32)] == [-6.0, None, -1.0]
+    assert checkpoint.choose(tmp_path, "best") == 32
+
+
 def test_episode_figures_are_left_out_where_no_episode_ended(tmp_path, trainer, reporter):
     # Episodes last 10 steps, an iteration 8: none ends in the first, all do in the second.
     loop.run(trainer, tiny_config(iterations=2), tmp_path, AT_THE_END, reporter)
