@@ -134,7 +134,7 @@ def test_help_lists_what_a_module_brings_and_its_weight_is_an_option(module, cap
     text = capsys.readouterr().out
     assert "plaza" in text and "small" in text and "--env.reward.upright" in text and "--import MODULE" in text
     assert main(["train", "--import", "own_things", "--env.reward.uprigt", "1"]) == 2
-    assert "did you mean '--env.reward.upright'?" in capsys.readouterr().err
+    assert "--env.reward.upright" in capsys.readouterr().err
 
 
 def test_a_sweep_hands_modules_to_its_commands_by_a_path_that_means_the_same_anywhere(module, capsys):

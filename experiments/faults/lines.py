@@ -1,4 +1,4 @@
-"""Command lines that cannot be: each has to be refused in one line, with nothing written and nothing computed."""
+"""Command lines that cannot be: each has to be refused with a reason, nothing written and nothing computed."""
 
 from __future__ import annotations
 
@@ -73,8 +73,10 @@ def given(words: list[str], place: Path) -> tuple[str, str]:
         return "accepted", said
     if places.content(place) != before:
         return "wrote", said
-    # One line, after those that tell of checkpoints that cannot be used.
-    told = said.endswith("\n") and all(line.startswith("loco-mjx: ") for line in said.splitlines())
+    # One line, after those that tell of checkpoints that cannot be used; or what tyro says of an option, in a box.
+    lines = said.splitlines()
+    boxed = "--help" in said and "Traceback" not in said
+    told = said.endswith("\n") and (boxed or all(line.startswith("loco-mjx: ") for line in lines))
     return ("refused" if told and code == 2 else "unclear"), f"exit code {code}: {said}"
 
 

@@ -22,7 +22,7 @@ WORDS = {
     "disks": ("{injected} full disks", "{ended} runs ended by themselves in one line, {went_on} went on"),
     "lines": (
         "{injected} command lines that cannot be",
-        "{refused} refused in one line; tracebacks: {tracebacks}; accepted: {accepted}; hung: {hangs}; written "
+        "{refused} refused with a reason; tracebacks: {tracebacks}; accepted: {accepted}; hung: {hangs}; written "
         "something: {wrote}; not told clearly: {unclear}",
     ),
     "robots": ("{injected} faults of a robot, each another one", "{sit_downs} told their cause and ended lying down"),

@@ -75,8 +75,8 @@ def _values(hint: Any, declared: Range | None) -> Iterator[tuple[Any, Range | No
         yield from _values(parts[0], own or declared)
     elif origin is tuple:
         yield from (value for part in parts if part is not Ellipsis for value in _values(part, declared))
-    elif origin is not None:  # optional
-        yield from (value for part in parts if part is not type(None) for value in _values(part, declared))
+    elif origin is not None:  # one of several types, mostly None or another
+        yield from _values(next(part for part in parts if part is not type(None)), declared)
 
 
 def refused(option: Option, numbers: random.Random) -> list[str]:

@@ -65,6 +65,10 @@ def _guarded(words: Sequence[str], interrupt: Interrupt) -> int:
     try:
         terminal.check_text(words)
         return _run(words)
+    except SystemExit as stop:
+        if not isinstance(stop.code, int) or stop.code == 0:  # the help was printed
+            raise
+        return stop.code  # tyro has said what it does not accept
     except UserError as error:
         _say(" ".join(str(error).split()))
         return error.code

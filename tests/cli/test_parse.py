@@ -31,11 +31,19 @@ def read(*args, default=None):
     return parse(Options, args, "loco-mjx do", default)
 
 
-def complaint(*args):
-    with pytest.raises(UserError) as error:
-        read(*args)
-    assert "\n" not in str(error.value) and "│" not in str(error.value)
-    return str(error.value)
+@pytest.fixture
+def complaint(capsys):
+    """What is said of words that are not accepted: by an error of ours, or by tyro on stderr."""
+
+    def said(*args):
+        with pytest.raises((UserError, SystemExit)) as error:
+            read(*args)
+        if isinstance(error.value, UserError):
+            return str(error.value)
+        assert error.value.code == 2
+        return capsys.readouterr().err
+
+    return said
 
 
 def test_values_types_and_nesting():
@@ -47,29 +55,21 @@ def test_defaults_come_from_the_instance_given():
     assert read("--count", "5", default=Options(task="mountain")) == Options(task="mountain", count=5)
 
 
-def test_a_typo_names_the_nearest_option_and_what_is_accepted():
-    said = complaint("--tsk", "thin")
-    assert "unknown option '--tsk'" in said and "did you mean '--task'?" in said and "--count" in said
-    assert "'--inner.learning-rate'?" in complaint("--inner.learnin-rate", "3")
-    assert "--json" in complaint("--frobnicate") and "did you mean" not in complaint("--frobnicate")
-
-
-def test_a_key_without_its_group_is_found():
-    assert "did you mean '--inner.learning-rate'?" in complaint("--learning-rate", "3")
-
-
 @pytest.mark.parametrize(
     ("args", "words"),
     [
         (("--count", "many"), ("--count", "many")),
-        (("--count",), ("--count", "Missing value")),
-        (("--inner.sizes", "1"), ("--inner.sizes", "2 values")),
-        (("--side", "3"), ("--side", "'3'", "'1', '2'")),
-        (("stray",), ("unexpected word 'stray'", "--task")),
-        (("--count", "1", "2"), ("unexpected word '2'",)),
+        (("--count",), ("--count",)),
+        (("--inner.sizes", "1"), ("--inner.sizes",)),
+        (("--side", "3"), ("--side", "1", "2")),
+        (("stray",), ("stray",)),
+        (("--count", "1", "2"), ("2",)),
+        (("--tsk", "thin"), ("--tsk", "--task")),
+        (("--inner.learnin-rate", "3"), ("--inner.learning-rate",)),
+        (("--learning-rate", "3"), ("--inner.learning-rate",)),  # a key without its group
     ],
 )
-def test_what_is_wrong_is_named(args, words):
+def test_what_is_wrong_is_named(args, words, complaint):
     said = complaint(*args)
     assert all(word in said for word in words), said
 
@@ -91,7 +91,7 @@ def test_help_is_printed_and_is_no_error(capsys):
         (("--count", "-1", "--count", "-2"), ("'-1'", "'-2'")),
     ],
 )
-def test_an_option_given_twice_with_different_values_is_refused(args, words):
+def test_an_option_given_twice_with_different_values_is_refused(args, words, complaint):
     said = complaint(*args)
     assert all(word in said for word in words), said
 
