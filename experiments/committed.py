@@ -6,6 +6,9 @@ import csv
 import json
 from pathlib import Path
 
+from loco_mjx.compare.markup import mean_and_std
+from loco_mjx.evaluation.display import NOTHING
+
 # Beside distance and collisions: metrics and their digits, and in words.
 BESIDE = {"speed": 2, "collisions_per_metre": 2, "distance_16s": 2, "collisions_16s": 0}
 BESIDE_WORDS = ("speed", "collisions per m", "distance, first 16 s", "collisions, first 16 s")
@@ -23,12 +26,6 @@ def runs() -> dict[str, Path]:
     return {path.parent.name: path.parent for path in sorted((RESULTS / "learning").glob("*/evaluation.json"))}
 
 
-def table(head: list[str], body: list[list[str]]) -> str:
-    """A Markdown table."""
-    lines = [head, ["---"] * len(head), *body]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
-
-
 def len_episodes(found: dict[str, Path]) -> int:
     """How many episodes the evaluations have; they agree."""
     counts = {json.loads((p / "evaluation.json").read_text())["num_episodes"] for p in found.values()}
@@ -40,8 +37,5 @@ def len_episodes(found: dict[str, Path]) -> int:
 def figure(metrics: list[dict[str, dict[str, float]]], name: str, digits: int) -> str:
     """Mean ± standard deviation over seeds of a metric, of one seed the mean; a dash unless all have it."""
     if any(name not in one for one in metrics):
-        return "—"
-    values = [one[name]["mean"] for one in metrics]
-    mean = sum(values) / len(values)
-    std = (sum((value - mean) ** 2 for value in values) / len(values)) ** 0.5
-    return f"{mean:.{digits}f} ± {std:.{digits}f}" if len(values) > 1 else f"{mean:.{digits}f}"
+        return NOTHING
+    return mean_and_std([one[name]["mean"] for one in metrics], digits)

@@ -6,9 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, len_episodes, rows, runs, table
+from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, len_episodes, rows, runs
 from experiments.ordering import comparison
 from experiments.taught_section import taught
+from loco_mjx.compare.markup import markdown
 
 ROOT = Path(__file__).parents[1]
 CURVES = ROOT / "docs" / "learning.png"
@@ -111,7 +112,7 @@ def learning() -> str:
     ]
     head += ["exploring: distance", "exploring: length"]
     text = LEARNING.format(episodes=len_episodes(found), tail=TAIL)
-    text += "\n" + table(head, [learning_row(name, path) for name, path in found.items()])
+    text += "\n" + markdown(head, [learning_row(name, path) for name, path in found.items()])
     origins: dict[str, list[str]] = {}
     for name, path in found.items():
         physics = json.loads((path / "config.json").read_text())["env"]["physics"]
@@ -135,8 +136,8 @@ def simcheck() -> str:
     away = [f"{r['policy']} on {_where(r)} {r['replay']['targets']['mean']:.1e} rad" for r in found]
     solvers = {f"{r['physics']['iterations']} × {r['physics']['ls_iterations']}" for r in found}
     said = REPLAY.format(solver=" or ".join(sorted(solvers)), seconds=found[0]["replay"]["seconds"])
-    replays = table([*head[:3], "seconds", *head[4:]], again)
-    return "\n".join([SIMCHECK, table(head, body), said, replays, f"Targets differ by: {'; '.join(away)}.\n"])
+    replays = markdown([*head[:3], "seconds", *head[4:]], again)
+    return "\n".join([SIMCHECK, markdown(head, body), said, replays, f"Targets differ by: {'; '.join(away)}.\n"])
 
 
 def _sides(result: dict[str, Any], metrics: dict[str, Any], name: str, digits: int) -> list[str]:
@@ -174,7 +175,7 @@ def speed() -> str:
             ]
         )
     head = ["command", "per second", "peer per second", "ratio", "compile", "environments", "devices"]
-    return SPEED + "\n" + table(head, body)
+    return SPEED + "\n" + markdown(head, body)
 
 
 def ratios() -> str:
@@ -185,7 +186,7 @@ def ratios() -> str:
         parts = {name: part for name, part in result.items() if isinstance(part, dict)}
         commits = f"{result['old'][:7]} → {result['new'][:7]}"
         body += [[path.stem, commits, f"`{name}`", f"{part['ratio']:.3f}"] for name, part in parts.items()]
-    return RATIOS + "\n" + table(["change", "commits", "what", "ratio"], body) if body else ""
+    return RATIOS + "\n" + markdown(["change", "commits", "what", "ratio"], body) if body else ""
 
 
 def curves() -> None:

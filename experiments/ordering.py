@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from experiments.committed import BESIDE, BESIDE_WORDS, figure, len_episodes, runs, table
+from experiments.committed import BESIDE, BESIDE_WORDS, figure, len_episodes, runs
 from loco_mjx.compare import paper
+from loco_mjx.compare.markup import markdown
 
 FILES = {"thin": "evaluation", "wide": "evaluation-wide"}  # what the policies were evaluated on
 COMPARISON = """## Policies on `thin`, against the paper's ordering
@@ -50,7 +51,7 @@ def _compared(found: dict[str, Path]) -> str:
             head += ["paper: distance", "paper: collisions"]
             for row, label in zip(body, ours, strict=True):
                 row += [f"{x[0]} ± {x[1]}" if x else "—" for x in printed[label]]
-        parts.append(f"On `{task}`:\n\n{table(head, body)}")
+        parts.append(f"On `{task}`:\n\n{markdown(head, body)}")
     order = _orders(far, {label: (printed[label][0] or (0.0,))[0] for label in groups})
     return "\n".join([*parts, order + "\n"])
 

@@ -6,8 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, rows, table
+from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, rows
 from loco_mjx.compare import paper
+from loco_mjx.compare.markup import markdown
 from loco_mjx.scene.tasks import get_task
 
 TAUGHT = """## Taught, on a CPU
@@ -50,8 +51,8 @@ def taught() -> str:
     ]
     head += ["paper: distance", "paper: collisions"]
     body = [_line(where, [result["metrics"] for result in group]) for where, group in groups.items()]
-    times = table(["run", "teacher's samples", "policy's samples", "minutes"], [_times(run) for run in runs])
-    return "\n".join([text, table(head, body), TIMES, times])
+    times = markdown(["run", "teacher's samples", "policy's samples", "minutes"], [_times(run) for run in runs])
+    return "\n".join([text, markdown(head, body), TIMES, times])
 
 
 def _line(where: tuple[str, str, str], metrics: list[dict[str, Any]]) -> list[str]:

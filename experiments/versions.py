@@ -20,6 +20,8 @@ import tempfile
 import tomllib
 from pathlib import Path
 
+from loco_mjx.compare.markup import markdown
+
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "docs" / "versions.md"
 PYTHONS = ("3.11", "3.12", "3.13")
@@ -135,9 +137,8 @@ def read() -> dict[tuple[str, str], dict[str, str]]:
 def write(rows: dict[tuple[str, str], dict[str, str]]) -> None:
     """The table, in the combinations' order."""
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
-    known = [rows[which] for which in combinations() if which in rows]
-    lines = [HEAD, ["---"] * len(HEAD), *([row[name] for name in HEAD] for row in known)]
-    TABLE.write_text(TEXT.format(machine=machine) + "".join("| " + " | ".join(line) + " |\n" for line in lines))
+    known = [[rows[which][name] for name in HEAD] for which in combinations() if which in rows]
+    TABLE.write_text(TEXT.format(machine=machine) + markdown(HEAD, known))
 
 
 def main() -> int:

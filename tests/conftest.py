@@ -28,15 +28,16 @@ _LONG += ("test_physics_c_mujoco.py", "test_depth_c_mujoco.py", "test_learning.p
 _LONG += ("test_seeds.py", "test_multi_seed.py")
 
 
-# Where arithmetic is tested, programs are compiled as users' are; elsewhere in half the time.
-_OPTIMIZED = ("oracle", "physics", "depth")
 _COMPILATION = Compilation()
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Chooses, before any fixture is made, how its programs are compiled, and those of the processes it starts."""
-    _COMPILATION.choose(quickly=item.path.parent.name not in _OPTIMIZED)
+    """Chooses, before any fixture is made, how its programs are compiled, and those of the processes it starts.
+
+    Where arithmetic is tested (the marker `optimized`) as users' are; elsewhere without optimisation, in half the time.
+    """
+    _COMPILATION.choose(quickly=item.get_closest_marker("optimized") is None)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,6 +1,7 @@
-"""Arithmetic is tested as users' programs are compiled, everything else quickly; which one, a test's folder says."""
+"""Arithmetic is tested as users' programs are compiled, everything else quickly; the marker `optimized` says which."""
 
 import os
+from pathlib import Path
 
 import jax.numpy as jp
 import numpy as np
@@ -28,6 +29,17 @@ def test_what_is_not_quick_is_compiled_as_by_users_and_quick_programs_compute_th
     np.testing.assert_allclose(jp.cumsum(jp.arange(4.0) ** 2), [0, 1, 5, 14])
 
 
-def test_the_folders_where_arithmetic_is_tested_are_there():
-    tests = conftest.__file__.rpartition("/")[0]
-    assert all(os.path.isdir(os.path.join(tests, folder)) for folder in conftest._OPTIMIZED)
+@pytest.mark.optimized
+def test_the_marker_has_programs_compiled_as_by_users():
+    assert not compiler.get_compile_options(1, 1).env_option_overrides
+    assert os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "0"
+
+
+def test_without_it_they_are_compiled_quickly():
+    assert os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "1"
+
+
+def test_every_comparison_with_c_mujoco_and_all_of_physics_and_depth_has_the_marker():
+    tests = Path(conftest.__file__).parent
+    files = [file for folder in ("oracle", "physics", "depth") for file in (tests / folder).glob("test_*.py")]
+    assert files and [file.name for file in files if "pytest.mark.optimized" not in file.read_text()] == []

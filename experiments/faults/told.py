@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from loco_mjx.compare.markup import markdown
+
 DOCUMENT = Path(__file__).parents[2] / "docs" / "reliability.md"
 BEGIN, END = "<!-- figures: written by python -m experiments.faults -->", "<!-- end of the figures -->"
 # Of each part what it is and what came of it, in terms of its figures.
@@ -36,12 +38,11 @@ NONE = "not in the committed figures yet"
 
 def table(figures: Mapping[str, Mapping[str, Any]]) -> str:
     """The figures as Markdown; parts that have not been run are named."""
-    lines = ["| what was injected | what came of it |", "| --- | --- |"]
+    rows = []
     for name, (what, came) in WORDS.items():
         found = figures.get(name)
-        cells = (name, NONE) if found is None else (what.format(**found), came.format(**found))
-        lines.append(f"| {cells[0]} | {cells[1]} |")
-    return "\n".join(lines)
+        rows.append((name, NONE) if found is None else (what.format(**found), came.format(**found)))
+    return markdown(["what was injected", "what came of it"], rows).rstrip("\n")
 
 
 def write(figures: Mapping[str, Mapping[str, Any]]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from loco_mjx.compare import methods
+from loco_mjx.compare import markup, methods
 from loco_mjx.compare.methods import Method
 from loco_mjx.compare.paper import Column, Value
 from loco_mjx.compare.tables import FilledCell, FilledTable, Findings
@@ -19,9 +19,6 @@ EXPLANATION = (
     "the figures of loco-mjx stand on. The first 16 s are what 1,000 steps of the authors' code last."
 )
 OURS, THEIRS = "loco-mjx", "paper"
-_ESCAPED = {"&": r"\&", "%": r"\%", "_": r"\_", "#": r"\#"}
-_SYMBOLS = {" ± ": r" $\pm$ ", "↑": r"$\uparrow$", "↓": r"$\downarrow$", "→": r"$\to$", "×": r"$\times$"}
-_SYMBOLS |= {"–": "--", "—": "---"}
 
 
 @dataclass(frozen=True)
@@ -42,8 +39,13 @@ class Block:
 def markdown(findings: Findings) -> str:
     """Everything as Markdown."""
     first, *others = blocks(findings.methods)
-    parts = ["# Results\n", f"## {first.title}\n\n{_markdown(first)}", EXPLANATION + "\n", "## By task\n"]
-    parts += [f"### {block.title}\n\n{_markdown(block)}" for block in others]
+    parts = [
+        "# Results\n",
+        f"## {first.title}\n\n{markup.markdown(first.head, first.rows)}",
+        EXPLANATION + "\n",
+        "## By task\n",
+    ]
+    parts += [f"### {block.title}\n\n{markup.markdown(block.head, block.rows)}" for block in others]
     parts += ["## The paper's tables\n", *(_markdown_table(filled) for filled in findings.tables)]
     if findings.empty:
         parts.append(f"{_left_out(findings)}.\n")
@@ -128,16 +130,11 @@ def _arrow(column: Column) -> str:
     return "↑" if column.higher else "↓"
 
 
-def _markdown(block: Block) -> str:
-    lines = [block.head, ["---"] * len(block.head), *block.rows]
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
-
-
 def _markdown_table(filled: FilledTable) -> str:
     head = ["method"]
     for column in filled.table.columns:
         head += [f"{column.title} {_arrow(column)}: {OURS}", THEIRS]
-    body = _markdown(Block("", [*head, "samples", "seeds", "episodes"], _rows(filled)))
+    body = markup.markdown([*head, "samples", "seeds", "episodes"], _rows(filled))
     notes = "\n" + _bullets(filled.notes) if filled.notes else ""
     return f"### Table {filled.table.number}. {filled.table.title}\n\n{body}{notes}"
 
@@ -155,30 +152,12 @@ def _bullets(notes: Sequence[str]) -> str:
 
 def _latex_table(filled: FilledTable) -> str:
     columns = filled.table.columns
-    groups = [f"\\multicolumn{{2}}{{c}}{{{_tex(c.title)} {_tex(_arrow(c))}}}" for c in columns]
+    groups = [f"\\multicolumn{{2}}{{c}}{{{markup.tex(c.title)} {markup.tex(_arrow(c))}}}" for c in columns]
     head = ["Method", *([OURS, THEIRS] * len(columns)), "samples", "seeds", "episodes"]
-    caption = f"{_tex(filled.table.title)} (the paper's \\texttt{{{filled.table.source}}})"
-    above = [_line(["", *groups, "", "", ""])]
-    text = _latex(caption, f"l{'rr' * len(columns)}rrr", above, head, _rows(filled))
+    caption = f"{markup.tex(filled.table.title)} (the paper's \\texttt{{{filled.table.source}}})"
+    text = markup.latex(caption, f"l{'rr' * len(columns)}rrr", head, _rows(filled), ["", *groups, "", "", ""])
     return "\n".join([text, *(f"% {note}" for note in filled.notes), ""])
 
 
 def _latex_block(block: Block) -> str:
-    return _latex(_tex(block.title), "l" + "r" * (len(block.head) - 1), [], block.head, block.rows) + "\n"
-
-
-def _latex(caption: str, places: str, above: list[str], head: list[str], rows: list[list[str]]) -> str:
-    lines = ["\\begin{table}", "\\centering\\small", f"\\caption{{{caption}.}}", f"\\begin{{tabular}}{{{places}}}"]
-    lines += ["\\toprule", *above, _line([_tex(word) for word in head]), "\\midrule"]
-    lines += [_line([_tex(word) for word in row]) for row in rows]
-    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", "\\end{table}"])
-
-
-def _line(words: Sequence[str]) -> str:
-    return " & ".join(words) + r" \\"
-
-
-def _tex(text: str) -> str:
-    for plain, escaped in (_ESCAPED | _SYMBOLS).items():
-        text = text.replace(plain, escaped)
-    return text
+    return markup.latex(markup.tex(block.title), "l" + "r" * (len(block.head) - 1), block.head, block.rows) + "\n"

@@ -17,7 +17,7 @@ from loco_mjx.config import Config
 from loco_mjx.config.tree import TotalSteps
 from loco_mjx.errors import UserError, is_full, unwritable
 from loco_mjx.ranges import COUNT, Range
-from loco_mjx.run import checkpoint, machine, multihost
+from loco_mjx.run import checkpoint, machine, multihost, retention
 from loco_mjx.run.logger import SECONDS
 from loco_mjx.run.progress import Reporter
 from loco_mjx.run.run_log import Row, Run, RunLog, common_step
@@ -260,7 +260,7 @@ class _Loop:
 
     def _time_to_save(self, done: int, seconds: float) -> bool:
         """Whether to save after this many iterations, seconds after the last time."""
-        kept = checkpoint.passes(done * self.per_iteration, self.options.keep_every, self.per_iteration)
+        kept = retention.passes(done * self.per_iteration, self.options.keep_every, self.per_iteration)
         return kept or self._time_to_evaluate(done) or seconds >= 60 * self.options.checkpoint_minutes
 
     def _time_to_evaluate(self, done: int) -> bool:

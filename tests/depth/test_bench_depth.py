@@ -12,6 +12,8 @@ from loco_mjx.errors import UnknownNameError
 from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.tasks import get_task
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 
 def test_bench_measures_both() -> None:
     result = bench_depth("stairs", num_envs=3, seconds=0.0)

@@ -9,6 +9,8 @@ import pytest
 from loco_mjx.config import DepthConfig
 from loco_mjx.depth import camera
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 HALF = np.sqrt(0.5)
 
 

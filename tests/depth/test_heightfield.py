@@ -16,6 +16,8 @@ from loco_mjx.scene.surface import ground
 from loco_mjx.scene.types import Terrain
 from tests.depth.test_render import at, make_scene
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 CONFIG = DepthConfig()
 see = jax.jit(partial(render, config=CONFIG))
 SHAPE, ORIGIN, CELL = (150, 140), (-2.0, -7.0), 0.1

@@ -17,6 +17,8 @@ from loco_mjx.depth import primitives
 from loco_mjx.depth.render import _gather, look, render, trace
 from loco_mjx.scene.types import Boxes, Cylinders, Scene, Spheres, Terrain
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 CONFIG = DepthConfig()
 AHEAD = 0.2309  # the camera ahead of the base
 HALF = np.sqrt(0.5)

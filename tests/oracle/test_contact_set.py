@@ -15,6 +15,8 @@ from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 POSES = 200
 MARGIN = 2e-4  # m: closer calls than this may differ by rounding
 

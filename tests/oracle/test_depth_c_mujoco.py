@@ -19,6 +19,8 @@ from loco_mjx.scene.surface import ground
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import Scene
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 CONFIG = DepthConfig()
 SCENES = 20
 COURSE = (-1.0, 32.0)  # m

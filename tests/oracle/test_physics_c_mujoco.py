@@ -21,6 +21,8 @@ from loco_mjx.scene.types import OBSTACLE, STEP
 from tests.physics import world
 from tests.physics.world import CONVERGED, DEFAULT, c_rollout, flat_c_model, rollout, scene, standing, trot_targets
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 GAIT = (world.GAIT_KP, world.GAIT_KD)
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import jax
 import mujoco
 import numpy as np
+import pytest
 
 from loco_mjx import a1
 from loco_mjx.physics.kinematics import SPHERES, pose, sphere_centers
 from loco_mjx.physics.model import a1_xml_path
 from tests.physics.world import standing
+
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
 
 def _random_poses(count: int) -> np.ndarray:

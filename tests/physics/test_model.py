@@ -12,6 +12,8 @@ from loco_mjx.errors import UserError
 from loco_mjx.physics.kinematics import RADII, SPHERES
 from loco_mjx.physics.model import a1_xml_path, build
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 MASS = {"trunk": 4.713, "hip": 0.696, "thigh": 1.013, "calf": 0.226}
 PRINCIPAL = {
     "hip": (0.000807752, 0.00055293, 0.000468983),

@@ -27,6 +27,8 @@ from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import OBSTACLE, STEP, WALL, Terrain
 from tests.physics.world import scene, standing
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 CORNER = 1 / np.sqrt(3)
 
 

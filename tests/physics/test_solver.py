@@ -13,6 +13,8 @@ from loco_mjx.physics import arrow, solver
 from loco_mjx.physics.rows import Constraints
 from loco_mjx.physics.stage import Stage
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 N, SLOTS, REST, TRUNK = 3, 4, 2, 6
 
 
