@@ -1,5 +1,6 @@
 # loco-mjx: `make train ENV=mountain`, `make test`, `make help`.
 ENV ?= thin
+ROBOT ?= a1
 POLICY ?= loco-transformer
 SEED ?= 0
 STEPS ?=
@@ -35,8 +36,8 @@ else
 	$(BIN)/loco-mjx play $(DEMO) --web $(ARGS)
 endif
 
-train: $(STAMP)  ## Trains POLICY on ENV, e.g. make train ENV=mountain POLICY=loco-transformer SEED=0 STEPS=1000000.
-	$(BIN)/loco-mjx train --task $(ENV) --policy $(POLICY) --seed $(SEED) $(if $(STEPS),--total-steps $(STEPS)) $(ARGS)
+train: $(STAMP)  ## Trains POLICY on ENV, e.g. make train ENV=mountain ROBOT=go2 POLICY=state-only SEED=0 STEPS=1000000.
+	$(BIN)/loco-mjx train --task $(ENV) --robot $(ROBOT) --policy $(POLICY) --seed $(SEED) $(if $(STEPS),--total-steps $(STEPS)) $(ARGS)
 
 sweep: $(STAMP)  ## Trains and evaluates POLICIES on TASKS with SEEDS into OUT, e.g. make sweep TASKS=thin SEEDS=0-1 STEPS=1000000.
 	$(BIN)/loco-mjx sweep --tasks $(TASKS) --policies $(POLICIES) --seeds $(SEEDS) --out $(OUT) $(if $(STEPS),--total-steps $(STEPS)) $(ARGS)
@@ -57,7 +58,7 @@ bench: $(STAMP)  ## Measures depth, physics, environment and training speed on E
 	$(BIN)/loco-mjx bench depth --task $(ENV) $(ARGS)
 	$(BIN)/loco-mjx bench physics --task $(ENV) $(ARGS)
 	$(BIN)/loco-mjx bench env --task $(ENV) $(ARGS)
-	$(BIN)/loco-mjx bench train --task $(ENV) --policy $(POLICY) $(ARGS)
+	$(BIN)/loco-mjx bench train --task $(ENV) --robot $(ROBOT) --policy $(POLICY) $(ARGS)
 
 versions: $(STAMP)  ## Tries the oldest and the newest versions of Python and JAX, and writes docs/versions.md; takes an hour.
 	$(BIN)/python -m experiments.versions $(ARGS)

@@ -68,8 +68,8 @@ def standing_still(directory: Path) -> dict[str, float]:
 
     from loco_mjx.env import LocoEnv
     from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, means
-    from loco_mjx.mesh import make_mesh
     from loco_mjx.run.policy import load_policy
+    from loco_mjx.sharding import make_mesh
 
     policy = load_policy(directory)
     config = evaluation_config(policy.config.env)

@@ -13,6 +13,7 @@ if _typing.TYPE_CHECKING:
     from loco_mjx.env.reward import register_reward
     from loco_mjx.env.state import State
     from loco_mjx.networks.policies import register_policy
+    from loco_mjx.robots import register_robot
     from loco_mjx.run.machine import set_up
     from loco_mjx.scene.tasks import register_task
 
@@ -33,6 +34,7 @@ __all__ = [
     "preset",
     "register_policy",
     "register_reward",
+    "register_robot",
     "register_task",
     "set_up",
     "train",
@@ -55,6 +57,7 @@ _HOMES = {
     "preset": "loco_mjx.config",
     "register_policy": "loco_mjx.networks.policies",
     "register_reward": "loco_mjx.env.reward",
+    "register_robot": "loco_mjx.robots",
     "register_task": "loco_mjx.scene.tasks",
     "set_up": "loco_mjx.run.machine",
     "train": "loco_mjx.api",

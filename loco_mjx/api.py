@@ -42,13 +42,13 @@ def configure(preset: str = "fast", keys: Mapping[str, Any] | None = None, **top
     Args:
         preset: "paper", "fast" or "real".
         keys: values by key of the configuration, as `loco-mjx train --help-all` lists them: `env.reward.alive`.
-        **top: what has no group: `policy`, `method`, `seed`; and, as on the command line, `task`, `num_envs` and
+        **top: what has no group: `policy`, `method`, `seed`; and, as on the command line, `task`, `robot`, `num_envs` and
             `total_steps`.
 
     Raises:
         UserError: if a name or a key is unknown, or a value is not accepted.
     """
-    short = {"task": "env.task", "num_envs": "ppo.num_envs", "total_steps": "ppo.total_steps"}
+    short = {"task": "env.task", "robot": "env.robot", "num_envs": "ppo.num_envs", "total_steps": "ppo.total_steps"}
     changes = {short.get(name, name): value for name, value in top.items()} | dict(keys or {})
     config = settings.complete(config_lib.with_values(config_lib.preset(preset), changes))
     settings.check(config)

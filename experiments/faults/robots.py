@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.faults.robot_cases import Case
 from experiments.faults.robot_faults import FAULTS
-from loco_mjx import a1
+from loco_mjx.robots import get_robot
 from tests.deploy import flat
 from tests.deploy.faulty import lies
 
@@ -45,8 +45,8 @@ def injected(case: Case) -> tuple[str | None, list[str]]:
     )
     if record.cause is not None and not any(text.startswith(record.cause) for _, text in record.events):
         wrong.append("its cause is not among the events")
-    targets = np.array([targets for targets, _, _ in case.robot.commands])
-    within = (targets >= np.array(a1.JOINT_LOWER) - NUMBER) & (targets <= np.array(a1.JOINT_UPPER) + NUMBER)
+    targets, body = np.array([targets for targets, _, _ in case.robot.commands]), get_robot("a1")
+    within = (targets >= np.array(body.lower) - NUMBER) & (targets <= np.array(body.upper) + NUMBER)
     if not within.all():
         wrong.append(f"{int((~within.all(axis=1)).sum())} commands are beyond the joints' limits")
     if not lies(case.robot):

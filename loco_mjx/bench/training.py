@@ -14,25 +14,26 @@ from loco_mjx.bench.timing import Rolling, seconds_in_turn, seconds_per_call
 from loco_mjx.config import Config, preset
 from loco_mjx.env import LocoEnv, autoreset
 from loco_mjx.errors import UserError
-from loco_mjx.mesh import AXIS, make_mesh, spread
 from loco_mjx.ppo.multi_seed import SeedsTrainer
 from loco_mjx.ppo.trainer import Trainer
+from loco_mjx.robots import DEFAULT
 from loco_mjx.run import machine
+from loco_mjx.sharding import AXIS, make_mesh, spread
 
 WINDOW = 32  # control steps in one call of the environment's benchmark
 POOL = 64  # scenes to reset into
 Result = dict[str, Any]
 
 
-def bench_config(task: str, policy: str, num_envs: int | None) -> Config:
-    """The `fast` preset's configuration for a task and a policy.
+def bench_config(task: str, policy: str, num_envs: int | None, robot: str = DEFAULT) -> Config:
+    """The `fast` preset's configuration for a task, a policy and a robot.
 
     Raises:
         UserError: if a name is unknown or sizes do not divide.
     """
     from loco_mjx.networks.policies import POLICIES, make_networks
 
-    base = preset("fast")
+    base = preset("fast", robot)
     ppo = base.ppo if num_envs is None else dataclasses.replace(base.ppo, num_envs=num_envs)
     make_networks(policy, base.network, base.env.action.size)  # refuses unknown names
     depth = dataclasses.replace(base.env.observation.depth, enabled=POLICIES[policy].uses_depth)

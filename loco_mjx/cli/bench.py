@@ -14,6 +14,7 @@ from loco_mjx.cli.parse import parse
 from loco_mjx.config.tree import NumEnvs, TotalSteps
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import SEED, Range
+from loco_mjx.robots import DEFAULT
 
 PROG = "loco-mjx bench"
 NUM_ENVS = 256
@@ -32,6 +33,8 @@ class Options:
     """What to measure."""
     task: str = "thin"
     """In which task's scenes."""
+    robot: str = DEFAULT
+    """Of which robot, by name or the path of its MJCF."""
     policy: str = "loco-transformer"
     """For train, and for env, where it decides whether depth is rendered."""
     num_envs: NumEnvs | None = None
@@ -58,7 +61,7 @@ def main(args: Sequence[str]) -> int:
     Raises:
         UserError: if a name is unknown or sizes do not divide.
     """
-    options = parse(Options, args, PROG, names=("tasks", "policies"))
+    options = parse(Options, args, PROG, names=("tasks", "robots", "policies"))
     if options.seeds is not None and options.part != "train":
         raise UserError(f"seeds are for bench train, not for bench {options.part}")
     with one_object(options.json) as show:
@@ -126,18 +129,18 @@ def learnt(result: dict[str, Any]) -> Any:
 def measure(options: Options) -> dict[str, Any]:
     """The figures of one part."""
     num_envs = options.num_envs or NUM_ENVS
-    about = {"bench": options.part, "task": options.task, "num_envs": num_envs}
+    about = {"bench": options.part, "task": options.task, "robot": options.robot, "num_envs": num_envs}
     if options.part == "depth":
         from loco_mjx.bench.depth import bench_depth
 
-        return about | bench_depth(options.task, num_envs, options.seconds)
+        return about | bench_depth(options.task, num_envs, options.seconds, options.robot)
     if options.part == "physics":
         from loco_mjx.bench.physics import bench_physics
 
-        return about | bench_physics(options.task, num_envs, options.seconds)
+        return about | bench_physics(options.task, num_envs, options.seconds, robot=options.robot)
     from loco_mjx.bench import training
 
-    config = training.bench_config(options.task, options.policy, num_envs)
+    config = training.bench_config(options.task, options.policy, num_envs, options.robot)
     if options.seeds is not None:
         return about | training.bench_seeds(config, options.seconds, options.seeds)
     run = training.bench_env if options.part == "env" else training.bench_train

@@ -24,6 +24,7 @@ from loco_mjx.deploy.safety import Limits
 from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import SEED, Range
+from loco_mjx.robots import DEFAULT, get_robot
 
 PROG = "loco-mjx deploy"
 STOPPED = 1  # exit code of a run that ended before its time
@@ -37,7 +38,7 @@ class Options:
     policy: tyro.conf.Positional[Path]
     """Folder that `loco-mjx export` wrote, or the name of a shipped policy."""
     robot: Literal["mujoco", "a1"] = "mujoco"
-    """C MuJoCo's A1, or the real one (docs/deployment.md)."""
+    """The policy's own robot in C MuJoCo, or a real A1 (docs/deployment.md)."""
     task: str = "thin"
     """Task whose scene it runs in; generating one needs JAX."""
     scene: Path | None = None
@@ -66,6 +67,8 @@ def main(args: Sequence[str]) -> int:
     session = Session(manifest, where)
     robot: MujocoRobot | A1Robot
     if options.robot == "a1":
+        if manifest.robot != A1Robot.name:
+            raise UserError(f"the policy is {manifest.robot}'s; --robot a1 accepts those of {A1Robot.name} only")
         check_readable(manifest, position_known=False)
         robot, clock, patience = A1Robot(manifest.camera), time.perf_counter, 0.0
     else:
@@ -84,10 +87,11 @@ def main(args: Sequence[str]) -> int:
 
 
 def simulated(options: Options, manifest: Manifest) -> MujocoRobot:
-    """C MuJoCo's A1 in the scene that was asked for."""
+    """The policy's robot in C MuJoCo, in the scene that was asked for."""
     scene = options.scene
-    model, between = generated(options.task, options.seed) if scene is None else from_file(scene)
-    return MujocoRobot(model, manifest.camera, options.imperfections, options.seed, between=between)
+    model, between = generated(options.task, options.seed, manifest.body) if scene is None else from_file(scene)
+    rates: dict[str, Any] = {"between": between, "policy_hz": manifest.policy_hz}
+    return MujocoRobot(model, manifest.camera, options.imperfections, options.seed, **rates)
 
 
 def from_file(path: Path) -> tuple[Any, None]:
@@ -108,11 +112,11 @@ def from_file(path: Path) -> tuple[Any, None]:
         raise UserError(f"'{path}' is no MJCF: {error}") from error
 
 
-def generated(task: str, seed: int) -> tuple[Any, Callable[[Any, Any], None] | None]:
-    """A task's scene, and what moves its obstacles if they move.
+def generated(task: str, seed: int, robot: str = DEFAULT) -> tuple[Any, Callable[[Any, Any], None] | None]:
+    """A task's scene with a robot in it, and what moves its obstacles if they move.
 
     Raises:
-        UnknownNameError: if there is no task of that name.
+        UnknownNameError: if there is no task, or no robot, of that name.
     """
     try:
         from loco_mjx.scene.tasks import get_task
@@ -130,19 +134,19 @@ def generated(task: str, seed: int) -> tuple[Any, Callable[[Any, Any], None] | N
 
     scene_key, motion_key = jax.random.split(jax.random.PRNGKey(seed))
     scene = jax.jit(chosen.generate)(scene_key)
-    return scene_spec(scene).compile(), mover(scene, motion_key) if chosen.moving else None
+    body = get_robot(robot)
+    return scene_spec(scene, body).compile(), mover(scene, motion_key, body.control_dt) if chosen.moving else None
 
 
-def mover(scene: Any, key: Any) -> Callable[[Any, Any], None]:
+def mover(scene: Any, key: Any, control_dt: float) -> Callable[[Any, Any], None]:
     """Moves a scene's obstacles as in training, one control step per call."""
     import jax
 
-    from loco_mjx import a1
     from loco_mjx.scene import mjcf, motion
 
     @jax.jit
     def moved(scene: Any, step: Any) -> Any:
-        return motion.move(motion.redraw(jax.random.fold_in(key, step), scene, step), a1.CONTROL_DT)
+        return motion.move(motion.redraw(jax.random.fold_in(key, step), scene, step), control_dt)
 
     step = 0
 

@@ -44,7 +44,7 @@ def description(kind: type, names: Sequence[str], keys: Sequence[str], everythin
 
     Args:
         kind: the dataclass of options; its docstring comes first.
-        names: kinds of names to list, of "tasks", "policies" and "presets".
+        names: kinds of names to list, of "tasks", "robots", "policies" and "presets".
         keys: fields that are left out of the short help.
         everything: whether this is the long help.
     """
@@ -74,6 +74,10 @@ def _names(kind: str) -> list[str]:
         from loco_mjx.networks.policies import POLICIES
 
         return list(POLICIES)
+    if kind == "robots":
+        from loco_mjx.robots import ROBOTS
+
+        return list(ROBOTS)
     from loco_mjx.config import PRESETS
 
     return list(PRESETS)

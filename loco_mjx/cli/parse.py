@@ -27,7 +27,7 @@ def parse(
         args: the words of the command line.
         prog: the command, for its help.
         default: an instance whose values are the defaults.
-        names: kinds of names that the help lists: "tasks", "policies", "presets".
+        names: kinds of names that the help lists: "tasks", "robots", "policies", "presets".
         keys: fields, each a dataclass, whose options only `--help-all` lists; they need a default.
 
     Raises:

@@ -15,6 +15,7 @@ from loco_mjx.cli.parse import parse
 from loco_mjx.cli.scene import choose_gl
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import SEED, Range
+from loco_mjx.robots import DEFAULT
 
 if TYPE_CHECKING:
     from loco_mjx.show.rollout import Agent
@@ -37,6 +38,8 @@ class Options:
     """Open a live viewer for the browser, until Ctrl-C."""
     task: str | None = None
     """Task to run on; None: the one it was trained on, or thin."""
+    robot: str | None = None
+    """Robot of --zero and --random without a policy, by name or the path of its MJCF; None: a1."""
     step: Step = None
     """Which checkpoint of the run: the samples trained at it, or best by evaluation; None: the newest."""
     seed: SEED = 0
@@ -69,7 +72,7 @@ def main(args: Sequence[str]) -> int:
     Raises:
         UserError: before anything is computed or written, if something is wrong.
     """
-    options = parse(Options, args, PROG, names=("tasks",))
+    options = parse(Options, args, PROG, names=("tasks", "robots"))
     choose_gl()  # before anything imports MuJoCo
     from loco_mjx.run import machine
 
@@ -102,6 +105,8 @@ def check(options: Options) -> None:
         raise UserError("--zero and --random are two agents; accepted: one of them")
     if options.directory is None and not (options.zero or options.random):
         raise UserError("no policy to show; accepted: the directory of a run, --zero or --random")
+    if options.robot is not None and options.directory is not None:
+        raise UserError("--robot is for --zero and --random alone; a policy says itself whose it is")
     if options.fps not in RATES:
         raise UserError(f"fps is {options.fps}; accepted: {', '.join(map(str, RATES))}")
     if options.task is not None:
@@ -118,7 +123,7 @@ def _agent(options: Options) -> Agent:
     policy = None
     if options.directory is not None:
         policy = trained.load(policies.find(options.directory), options.step)
-    return Agent("zero" if options.zero else "random" if options.random else "policy", policy)
+    return Agent("zero" if options.zero else "random" if options.random else "policy", policy, options.robot or DEFAULT)
 
 
 def _film(options: Options, agent: Agent) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from loco_mjx.cli.parse import parse
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import Range
+from loco_mjx.robots import DEFAULT, Robot, get_robot
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,6 +31,8 @@ class Options:
 
     task: str = "thin"
     """Which task's scene."""
+    robot: str = DEFAULT
+    """Which robot stands in it, by name or the path of its MJCF."""
     seed: Annotated[int, Range(0, LARGEST_SEED)] = 0
     """Which of its scenes; the same seed gives the same scene."""
     out: Path | None = None
@@ -44,17 +47,19 @@ def main(args: Sequence[str]) -> int:
     Raises:
         UserError: as :func:`scene`.
     """
-    options = parse(Options, args, PROG, names=("tasks",))
+    options = parse(Options, args, PROG, names=("tasks", "robots"))
     from loco_mjx.run import machine
 
     if options.png is not None:
         choose_gl()
     machine.set_up()
-    scene(options.task, options.seed, options.out, options.png)
+    scene(options.task, options.seed, options.out, options.png, options.robot)
     return 0
 
 
-def scene(task: str = "thin", seed: int = 0, out: Path | None = None, png: Path | None = None) -> None:
+def scene(
+    task: str = "thin", seed: int = 0, out: Path | None = None, png: Path | None = None, robot: str = DEFAULT
+) -> None:
     """Writes one of a task's scenes, with the robot standing at its start.
 
     Args:
@@ -62,17 +67,20 @@ def scene(task: str = "thin", seed: int = 0, out: Path | None = None, png: Path 
         seed: which of its scenes, 0 … 2³² − 1.
         out: file for the MJCF; replaced if it exists.
         png: file for the picture; replaced if it exists. Needs OpenGL; without it the MJCF is written all the same.
+        robot: which robot stands in it, by name or the path of its MJCF.
 
     Raises:
-        UserError: if the task is unknown, the seed out of range, there is nothing to write or nowhere to write it, or
-            OpenGL is missing.
+        UserError: if the task or the robot is unknown, the seed out of range, there is nothing to write or nowhere to
+            write it, or OpenGL is missing.
     """
     import jax
 
+    from loco_mjx.physics.compiled import compiled
     from loco_mjx.scene.mjcf import scene_xml
     from loco_mjx.scene.tasks import get_task
 
-    generate = get_task(task).generate
+    generate, body = get_task(task).generate, get_robot(robot)
+    compiled(body)  # refuses one that does not fit
     if not 0 <= seed <= LARGEST_SEED:
         raise UserError(f"seed is {seed}; accepted: 0 to {LARGEST_SEED}")
     if out is None and png is None:
@@ -81,9 +89,9 @@ def scene(task: str = "thin", seed: int = 0, out: Path | None = None, png: Path 
         _check_writable(path)
     world = jax.jit(generate)(jax.random.PRNGKey(seed))
     if out is not None:
-        _write(out, scene_xml(world).encode())
+        _write(out, scene_xml(world, body).encode())
     if png is not None:
-        _write(png, picture(world, f"{task}, seed {seed}"))
+        _write(png, picture(world, body, f"{task}, seed {seed}"))
 
 
 def _check_writable(path: Path | None) -> None:
@@ -114,7 +122,7 @@ def choose_gl() -> None:
             return
 
 
-def picture(world: Scene, title: str) -> bytes:
+def picture(world: Scene, robot: Robot, title: str) -> bytes:
     """A PNG: the scene from behind the robot, and its depth image.
 
     Raises:
@@ -131,9 +139,10 @@ def picture(world: Scene, title: str) -> bytes:
     from loco_mjx.depth.render import render
     from loco_mjx.scene.mjcf import home_qpos
 
-    view = _third_person(world)  # first, for it is what may fail
+    view = _third_person(world, robot)  # first, for it is what may fail
     config = DepthConfig()
-    depth = jax.jit(render, static_argnums=2)(world, jp.asarray(home_qpos(world), jp.float32), config)
+    home = jp.asarray(home_qpos(world, robot), jp.float32)
+    depth = jax.jit(render, static_argnums=(2, 3))(world, home, robot.camera, config)
     figure = Figure(figsize=(13.0, 4.6), layout="constrained")
     scenery, image = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
     scenery.imshow(view)
@@ -150,7 +159,7 @@ def picture(world: Scene, title: str) -> bytes:
     return buffer.getvalue()
 
 
-def _third_person(world: Scene) -> np.ndarray:
+def _third_person(world: Scene, robot: Robot) -> np.ndarray:
     """(rows, columns, 3) uint8 view from behind and above the robot, over what lies ahead of it."""
     import mujoco
     import numpy as np
@@ -159,7 +168,7 @@ def _third_person(world: Scene) -> np.ndarray:
     from loco_mjx.show.gl import offscreen
     from loco_mjx.show.stage import goal_top, raise_to
 
-    model = scene_spec(world).compile()
+    model = scene_spec(world, robot).compile()
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
     mujoco.mj_forward(model, data)

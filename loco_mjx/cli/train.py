@@ -20,6 +20,7 @@ from loco_mjx.config import Config, DistillConfig, EnvConfig, NetworkConfig, PPO
 from loco_mjx.config.tree import NumEnvs, TotalSteps
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import SEED, Range
+from loco_mjx.robots import DEFAULT, get_robot
 from loco_mjx.run import settings
 from loco_mjx.run.loop import LoopOptions
 from loco_mjx.run.progress import duration
@@ -29,7 +30,7 @@ PROG = "loco-mjx train"
 PRESET = "fast"
 CPU_MINUTES = 20
 KEYS = ("env", "network", "ppo", "distill")  # of the configuration; every key in them is an option
-SHORT_FORMS = {"task": "env.task", "num_envs": "ppo.num_envs", "total_steps": "ppo.total_steps"}
+SHORT_FORMS = {"task": "env.task", "robot": "env.robot", "num_envs": "ppo.num_envs", "total_steps": "ppo.total_steps"}
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class Options:
 
     task: str | None = None
     """Task to train on, one of those above; None: thin."""
+    robot: str | None = None
+    """Robot to train, one of those above or the path of its MJCF (docs/robots.md); None: a1."""
     policy: str = "loco-transformer"
     """Policy to train, one of those above; it decides whether depth is rendered."""
     method: Literal["ppo", "distill"] = "ppo"
@@ -58,7 +61,7 @@ class Options:
     eval_tasks: str | None = None
     """Tasks to evaluate on besides its own as it learns, e.g. wide,moving."""
     out: Path | None = None
-    """Directory of the run; None: runs/TASK/POLICY/seedSEED. With --seeds that of all of them: runs/TASK/POLICY."""
+    """Directory of the run; None: runs/TASK/POLICY/seedSEED, runs/ROBOT/TASK/… but for a1. With --seeds its parent."""
     coordinator: str | None = None
     """HOST:PORT of process 0, for a run over several; under `srun` with several tasks SLURM says it."""
     process_id: Annotated[int, Range(0, 2**16)] | None = None
@@ -146,7 +149,7 @@ def planned(options: Options, args: Sequence[str], config: Config) -> list[Run]:
     """
     from loco_mjx.cli.comma_lists import parse_seeds
 
-    home = Path("runs", config.env.task, config.policy)
+    home = Path("runs", *_robot_folder(config.env.robot), config.env.task, config.policy)
     if options.seeds is None:
         return [Run(config, options.out or home / f"seed{config.seed}")]
     if any(name == "--seed" for name, _ in words.given(args)):
@@ -161,6 +164,11 @@ def planned(options: Options, args: Sequence[str], config: Config) -> list[Run]:
     return [Run(dataclasses.replace(config, seed=seed), home / f"seed{seed}") for seed in seeds]
 
 
+def _robot_folder(name: str) -> list[str]:
+    """What of a run's path tells a robot from the default one."""
+    return [] if name == DEFAULT else [get_robot(name).name]
+
+
 def read(args: Sequence[str]) -> Options:
     """Options from the command line, on top of the preset's values.
 
@@ -168,12 +176,11 @@ def read(args: Sequence[str]) -> Options:
         UserError: on anything that is not accepted.
     """
     default = Options()
-    presets = [values[0] for name, values in words.given(args) if name == "--preset" and values]
-    if presets:
-        default = dataclasses.replace(default, preset=presets[0])
-    base = config_lib.preset(default.preset)
+    named = {name: values[0] for name, values in words.given(args) if values}
+    default = dataclasses.replace(default, preset=named.get("--preset", default.preset))
+    base = config_lib.preset(default.preset, named.get("--robot", named.get("--env.robot", DEFAULT)))
     default = dataclasses.replace(default, env=base.env, network=base.network, ppo=base.ppo)
-    options = parse(Options, args, PROG, default, names=("tasks", "policies", "presets"), keys=KEYS)
+    options = parse(Options, args, PROG, default, names=("tasks", "robots", "policies", "presets"), keys=KEYS)
     _check_short_forms(options, args)
     return options
 

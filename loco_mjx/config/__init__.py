@@ -3,7 +3,7 @@
 from loco_mjx.config.checks import check
 from loco_mjx.config.keys import flatten, with_keys, with_values
 from loco_mjx.config.methods import teacher_of, with_method
-from loco_mjx.config.presets import PRESETS, preset
+from loco_mjx.config.presets import PRESETS, preset, with_robot
 from loco_mjx.config.tree import (
     ActionConfig,
     Config,
@@ -42,5 +42,6 @@ __all__ = [
     "to_dict",
     "with_keys",
     "with_method",
+    "with_robot",
     "with_values",
 ]

@@ -8,6 +8,7 @@ from loco_mjx import ranges
 from loco_mjx.config.methods import teacher_of
 from loco_mjx.config.tree import Config
 from loco_mjx.errors import UserError
+from loco_mjx.robots import get_robot
 
 MOST_SAMPLES = 2**31 - 1  # a training state counts them in 32 bits
 
@@ -19,6 +20,7 @@ def check(config: Config, num_devices: int = 1) -> None:
         UserError: naming the value and what is accepted, or the sizes that do not divide, and what would.
     """
     ranges.check(config)
+    get_robot(config.env.robot)
     ppo = config.ppo
     if ppo.num_envs % num_devices:
         raise UserError(f"ppo.num_envs {ppo.num_envs} does not divide over {num_devices} devices; accepted: a multiple")

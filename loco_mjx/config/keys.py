@@ -7,10 +7,13 @@ import typing
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal, Union
 
+from loco_mjx.config.presets import with_robot
 from loco_mjx.config.tree import Config
 from loco_mjx.config.written import from_dict, to_dict
 from loco_mjx.errors import UnknownNameError, UserError
 from loco_mjx.ranges import complaint, values
+
+ROBOT = "env.robot"
 
 
 def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -52,6 +55,8 @@ def with_values(config: Config, changes: Mapping[str, Any]) -> Config:
     Raises:
         UserError: if there is no such key, or a value is not accepted.
     """
+    if ROBOT in changes:  # whose own gains the others may then change
+        config = with_robot(config, changes[ROBOT])
     tree, known = to_dict(config), [path for path, _, _ in values(config)]
     for key, value in changes.items():
         if key not in known:

@@ -6,6 +6,7 @@ import dataclasses
 
 from loco_mjx.config.tree import Config
 from loco_mjx.errors import UnknownNameError
+from loco_mjx.robots import DEFAULT, get_robot
 
 
 def _fast(config: Config) -> Config:
@@ -42,15 +43,39 @@ def _paper(config: Config) -> Config:
     return dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, optimizer="separate", value_loss=1.0))
 
 
+def with_robot(config: Config, name: str) -> Config:
+    """The configuration for a robot, by name or path.
+
+    What was the former robot's own, gains and what an action of 1 means, becomes this one's; what was chosen stays.
+
+    Raises:
+        UnknownNameError: if there is no robot of that name.
+        UserError: if its MJCF does not fit.
+    """
+    before, robot, env = get_robot(config.env.robot), get_robot(name), config.env
+    scale = robot.action_scale if env.action.scale == before.action_scale else env.action.scale
+    return dataclasses.replace(
+        config,
+        env=dataclasses.replace(
+            env,
+            robot=name,
+            kp=robot.kp if env.kp == before.kp else env.kp,
+            kd=robot.kd if env.kd == before.kd else env.kd,
+            action=dataclasses.replace(env.action, scale=scale),
+        ),
+    )
+
+
 PRESETS = {"paper": _paper, "fast": _fast, "real": _real}
 
 
-def preset(name: str) -> Config:
-    """The configuration of a preset.
+def preset(name: str, robot: str = DEFAULT) -> Config:
+    """The configuration of a preset for a robot.
 
     Raises:
-        UnknownNameError: if there is no preset of that name.
+        UnknownNameError: if there is no preset, or no robot, of that name.
+        UserError: if the robot's MJCF does not fit.
     """
     if name not in PRESETS:
         raise UnknownNameError("preset", name, PRESETS)
-    return PRESETS[name](Config())
+    return with_robot(PRESETS[name](Config()), robot)

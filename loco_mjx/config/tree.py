@@ -13,9 +13,9 @@ from typing import Annotated, Literal
 
 import tyro
 
-from loco_mjx import a1
 from loco_mjx.config.reward_terms import Weights, default_weights
 from loco_mjx.ranges import SEED, Each, Range
+from loco_mjx.robots import DEFAULT, NJOINT
 
 Share = Annotated[float, Range(0, 1)]
 Weight = Annotated[float, Range(-10_000, 10_000)]  # of a term of the reward or the loss
@@ -25,7 +25,7 @@ Kp = Annotated[float, Range(0, 500, above=True)]  # N·m/rad
 Kd = Annotated[float, Range(0, 50)]  # N·m·s/rad
 Degrees = Annotated[float, Range(0, 180, above=True, below=True)]
 Angle = Annotated[float, Range(0, 3.1416)]  # rad
-Latency = Annotated[float, Range(0, a1.CONTROL_DT)]  # s; histories hold one control step
+Latency = Annotated[float, Range(0, 0.04)]  # s; histories hold one control step
 Metres = Annotated[float, Range(0, 1000, above=True)]
 Deviation = Annotated[float, Range(0, 10, above=True)]
 LearningRate = Annotated[float, Range(0, 1, above=True)]
@@ -49,7 +49,7 @@ class ActionConfig:
     @property
     def size(self) -> int:
         """Dimension of the policy's action."""
-        return 6 if self.diagonal else 12
+        return NJOINT // 2 if self.diagonal else NJOINT
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class ObservationConfig:
     @property
     def state_size(self) -> int:
         """Length of the `state` vector."""
-        per_frame = 12 + 4 + 12 + (3 if self.displacement else 0)
+        per_frame = NJOINT + 4 + NJOINT + (3 if self.displacement else 0)
         return self.state_frames * per_frame + (3 if self.goal else 0)
 
 
@@ -95,7 +95,7 @@ class RewardConfig:
     """
 
     forward: Weight = 1.0
-    energy: Weight = 0.005 * a1.PHYSICS_DT  # times −‖τ‖²; the paper prints 0.005, which drowns every other term
+    energy: Weight = 0.005 * 0.0025  # times −‖τ‖²; the paper prints 0.005, which drowns every other term
     alive: Weight = 0.1
     sphere: Weight = 100.0  # per sphere collected
     vertical_speed: Weight = 0.0  # times −v_z²
@@ -153,12 +153,13 @@ class RandomizationConfig:
 
 @dataclass(frozen=True)
 class EnvConfig:
-    """One task's environment."""
+    """One task's environment, for one robot."""
 
     task: str = "thin"
+    robot: str = DEFAULT  # by name, or the path of its MJCF
     horizon: Annotated[int, Range(1, 1_000_000)] = 1000  # control steps
-    kp: Kp = a1.KP
-    kd: Kd = a1.KD
+    kp: Kp = 40.0  # N·m/rad; this, kd and action.scale are the A1's, others' by `with_robot`
+    kd: Kd = 0.6  # N·m·s/rad
     start_range: Annotated[float, Range(0, 100)] = 1.0  # m, start at ± this in x and y
     action: ActionConfig = field(default_factory=ActionConfig)
     observation: ObservationConfig = field(default_factory=ObservationConfig)

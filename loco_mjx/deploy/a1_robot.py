@@ -12,23 +12,25 @@ from typing import Any
 
 import numpy as np
 
-from loco_mjx import a1
 from loco_mjx.deploy.folder import Camera
 from loco_mjx.deploy.lock import Lock
 from loco_mjx.deploy.realsense import RealSense
 from loco_mjx.deploy.robot import Frame, RobotError, Sensors
 from loco_mjx.errors import UserError
+from loco_mjx.robots import NJOINT
 
 LOW_LEVEL = 0xFF
 ADDRESS = (8080, "192.168.123.10", 8007)  # local port, the motor controller and its port
 SERVO = 0x0A  # a motor's mode in which it follows targets
 NO_POSITION, NO_VELOCITY = 2.146e9, 16000.0  # targets that mean there is none
 CONNECT = 2.0  # s in which the robot has to answer
-MOTORS = 12  # in the SDK's order, which is a1.JOINTS': FR, FL, RR, RL × hip, thigh, calf
+PERIOD = 0.0025  # s between commands
 
 
 class A1Robot:
     """The robot protocol on the A1. Where it is in the world it does not know: `Sensors.position` is None."""
+
+    name = "a1"
 
     def __init__(self, camera: Camera | None) -> None:
         """Connects; no motor gets a target or a gain.
@@ -87,8 +89,8 @@ class A1Robot:
         motors, imu = self._state.motorState, self._state.imu
         return Sensors(
             time=self._heard,
-            angles=np.array([motors[i].q for i in range(MOTORS)], np.float64),
-            velocities=np.array([motors[i].dq for i in range(MOTORS)], np.float64),
+            angles=np.array([motors[i].q for i in range(NJOINT)], np.float64),
+            velocities=np.array([motors[i].dq for i in range(NJOINT)], np.float64),
             quat=np.array(imu.quaternion, np.float64),
             gyro=np.array(imu.gyroscope, np.float64),
         )
@@ -111,7 +113,7 @@ class A1Robot:
         self._safety.PositionLimit(self._command)
         self._send()
         now = self.now()
-        self._due = max(self._due + a1.PHYSICS_DT, now)
+        self._due = max(self._due + PERIOD, now)
         time.sleep(self._due - now)
 
     def close(self) -> None:
@@ -125,12 +127,12 @@ class A1Robot:
         end = self.now() + CONNECT
         while self._tick is None and self.now() < end:
             self._idle()
-            time.sleep(a1.PHYSICS_DT)
+            time.sleep(PERIOD)
             self._receive()
         self.read()
 
     def _idle(self) -> None:
-        for motor in self._command.motorCmd[:MOTORS]:
+        for motor in self._command.motorCmd[:NJOINT]:
             motor.mode, motor.q, motor.dq = SERVO, NO_POSITION, NO_VELOCITY
             motor.Kp = motor.Kd = motor.tau = 0.0
         self._send()

@@ -1,4 +1,4 @@
-"""What ``policy.json`` says of a policy, as it follows from the run's configuration and the robot's own data.
+"""What ``policy.json`` says of a policy, as it follows from the run's configuration and its robot's own data.
 
 Export writes it, and whoever reads a policy folder compares: the two cannot disagree on what a number means. It needs
 no JAX.
@@ -11,8 +11,8 @@ import json
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from loco_mjx import a1
 from loco_mjx.config import Config, DepthConfig, ObservationConfig, to_dict
+from loco_mjx.robots import NJOINT, Robot, get_robot, joint_names
 
 FORMAT, VERSION = "loco-mjx policy", 2
 STATE, DEPTH, TARGETS = "state", "depth", "targets"
@@ -21,8 +21,8 @@ SEAL = "sha256"  # the manifest's own hash
 FIELDS: dict[str, tuple[int, str, str]] = {
     "displacement": (3, "m", "base displacement x, y, z over the last control step, world frame"),
     "imu": (4, "rad, rad, rad/s, rad/s", "roll, pitch, roll rate, pitch rate; rates in the trunk's frame"),
-    "last_action": (12, "rad", "last joint targets minus the default pose, in the order of the joints"),
-    "angles": (12, "rad", "joint angles, in the order of the joints"),
+    "last_action": (NJOINT, "rad", "last joint targets minus the default pose, in the order of the joints"),
+    "angles": (NJOINT, "rad", "joint angles, in the order of the joints"),
     "goal": (3, "m", "vector from the base to the goal, turned into the base's heading"),
 }
 NEWEST_FIRST = "newest first"
@@ -30,32 +30,34 @@ ENCODING = "(sqrt(ln(d + 1)) - code_offset) / code_scale"
 CODE_OFFSET, CODE_SCALE = 1.25, 0.425
 
 
-def describe(config: Config, inputs: Collection[str], hold: int) -> dict[str, Any]:
+def describe(config: Config, inputs: Collection[str], hold: int, robot: Robot | None = None) -> dict[str, Any]:
     """The part of the manifest that follows from the configuration, in JSON's types.
 
     Args:
         config: of the run.
         inputs: what the policy reads: `state`, `depth` or both.
         hold: ticks for which the depth that it is given is held.
+        robot: that of the configuration, if it is at hand already.
     """
-    env = config.env
+    env, robot = config.env, robot or get_robot(config.env.robot)
     observation, randomization, plain = env.observation, env.randomization, to_dict(config)
-    parts = {STATE: _state(observation), DEPTH: _depth(observation.depth)}
+    parts = {STATE: _state(observation), DEPTH: _depth(observation.depth, robot)}
     described = {
         "format": FORMAT,
         "format_version": VERSION,
         "policy": config.policy,
+        "robot": robot.name,
         "inputs": {name: part for name, part in parts.items() if name in inputs},
-        "outputs": {TARGETS: {"shape": [12], "unit": "rad", "meaning": "joint targets of the PD controller"}},
+        "outputs": {TARGETS: {"shape": [NJOINT], "unit": "rad", "meaning": "joint targets of the PD controller"}},
         "joints": {
-            "order": a1.JOINTS,
-            "default_pose": a1.DEFAULT_POSE,
-            "lower": a1.JOINT_LOWER,
-            "upper": a1.JOINT_UPPER,
-            "torque_limit": a1.TORQUE_LIMIT,
+            "order": joint_names(),
+            "default_pose": robot.default_pose,
+            "lower": robot.lower,
+            "upper": robot.upper,
+            "torque_limit": torque_limit(robot),
         },
         "gains": {"kp": env.kp, "kd": env.kd, "unit": "N·m/rad, N·m·s/rad"},
-        "rates": {"policy_hz": round(1 / a1.CONTROL_DT), "pd_hz": round(1 / a1.PHYSICS_DT)},
+        "rates": {"policy_hz": robot.policy_hz, "pd_hz": round(1 / robot.physics_dt)},
         "action": {"scale": env.action.scale, "diagonal": env.action.diagonal, "included_in_onnx": True},
         "hold": hold,
         "latency": {"trained_with": randomization.latency if randomization.enabled else (0.0, 0.0), "unit": "s"},
@@ -90,7 +92,17 @@ def _state(config: ObservationConfig) -> dict[str, Any]:
     return {"shape": [offset], "normalised": False, "fields": fields}
 
 
-def _depth(config: DepthConfig) -> dict[str, Any]:
+def torque_limit(robot: Robot) -> float | tuple[float, ...]:
+    """N·m, as a manifest has it: one number where all motors have the same, else one for each."""
+    return robot.torque_limit[0] if len(set(robot.torque_limit)) == 1 else robot.torque_limit
+
+
+def camera_offset(robot: Robot) -> float | tuple[float, ...]:
+    """The camera in the trunk's frame, m, as a manifest has it: its x where that is all, else x, y and z."""
+    return robot.camera if any(robot.camera[1:]) else robot.camera[0]
+
+
+def _depth(config: DepthConfig, robot: Robot) -> dict[str, Any]:
     keys = ("height", "width", "vertical_fov", "horizontal_fov", "near", "far", "frames")
     return {
         "shape": [config.height, config.width, config.frames],
@@ -98,5 +110,5 @@ def _depth(config: DepthConfig) -> dict[str, Any]:
         "depth": "planar, along the optical axis, m; clipped to [near, far], misses and holes read far",
         "encoding": ENCODING,
         "camera": {key: getattr(config, key) for key in keys}
-        | {"offset": a1.CAMERA_OFFSET, "code_offset": CODE_OFFSET, "code_scale": CODE_SCALE},
+        | {"offset": camera_offset(robot), "code_offset": CODE_OFFSET, "code_scale": CODE_SCALE},
     }

@@ -12,7 +12,6 @@ import jax.numpy as jp
 import numpy as np
 from flax import traverse_util
 
-from loco_mjx import a1
 from loco_mjx.deploy import converted, description, folder, graph, trained
 from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.errors import UserError
@@ -20,6 +19,7 @@ from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
 from loco_mjx.networks.policies import POLICIES
 from loco_mjx.networks.policies import STATE as STATE_KEY
 from loco_mjx.ppo import normalizer as normalizer_lib
+from loco_mjx.robots import LEGS, ROBOTS, get_robot, is_path
 from loco_mjx.run import provenance
 from loco_mjx.run.directory import read_json, write_json
 from loco_mjx.run.policy import TrainedPolicy, observation_shapes
@@ -60,6 +60,9 @@ def write(
     """
     contents = {folder.ONNX: onnx_model(policy).SerializeToString()}
     contents |= {} if lean else {folder.STABLEHLO: stablehlo(policy)}
+    robot = policy.config.env.robot
+    if is_path(robot) or ROBOTS.origin(robot) is not None:  # where the policy goes, it may not be known
+        contents[folder.ROBOT] = get_robot(robot).path.read_bytes()
     arrays = raw_parameters(policy)
     kept = {name: array for name, array in arrays.items() if not (lean and name.startswith(trained.CRITIC_ONLY))}
     try:
@@ -80,7 +83,7 @@ def write(
 def _check_out(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise UserError(f"{out} is a file; choose a folder for --out")
-    known = {folder.MANIFEST, folder.ONNX, folder.PARAMETERS, folder.STABLEHLO}
+    known = {folder.MANIFEST, folder.ONNX, folder.PARAMETERS, folder.STABLEHLO, folder.ROBOT}
     foreign = sorted(entry.name for entry in out.iterdir() if entry.name not in known) if out.exists() else []
     if foreign:
         raise UserError(f"{out} holds '{foreign[0]}', which is no part of a policy; choose a new folder for --out")
@@ -107,7 +110,7 @@ def target_function(policy: TrainedPolicy) -> Callable[..., jax.Array]:
     """The policy in JAX: (..., n) `state` and (..., H, W, frames) `depth`, as read, to (..., 12) targets in rad."""
     actor = policy.actor()
     names = tuple(inputs(policy))
-    size = policy.config.env.observation.state_size
+    size, robot = policy.config.env.observation.state_size, get_robot(policy.config.env.robot)
 
     def targets(*arrays: jax.Array) -> jax.Array:
         obs = {KEYS[name]: array for name, array in zip(names, arrays, strict=True)}
@@ -117,7 +120,7 @@ def target_function(policy: TrainedPolicy) -> Callable[..., jax.Array]:
         if policy.config.env.action.diagonal:
             right, left = action[..., :3], action[..., 3:]
             action = jp.concatenate([right, left, left, right], axis=-1)
-        return jp.array(a1.DEFAULT_POSE) + jp.tile(jp.array(policy.config.env.action.scale), 4) * action
+        return jp.array(robot.default_pose) + jp.tile(jp.array(policy.config.env.action.scale), len(LEGS)) * action
 
     return targets
 
@@ -147,8 +150,8 @@ def onnx_model(policy: TrainedPolicy) -> Any:
         std=np.asarray(normalizer_lib.std(policy.normalizer)),
         clip=normalizer_lib.CLIP,
         shapes=inputs(policy),
-        default_pose=np.array(a1.DEFAULT_POSE),
-        scale=np.tile(np.array(policy.config.env.action.scale), 4),
+        default_pose=np.array(get_robot(policy.config.env.robot).default_pose),
+        scale=np.tile(np.array(policy.config.env.action.scale), len(LEGS)),
     )
     return graph.build(policy.config, jax.tree.map(np.asarray, policy.params["params"]), ends)
 

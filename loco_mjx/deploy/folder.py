@@ -4,6 +4,7 @@
 - ``policy.onnx``: observation in, joint targets (rad) out
 - ``policy.npz``: the raw parameters and the normaliser
 - ``policy.stablehlo``: the same function by `jax.export`
+- ``robot.xml``: the robot's MJCF, where it is none of those that come with the package
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ import numpy as np
 from loco_mjx.deploy import schema
 from loco_mjx.deploy.description import DEPTH, FORMAT, STATE, VERSION
 from loco_mjx.errors import UserError
+from loco_mjx.robots import DEFAULT, NJOINT, get_robot
 
 MANIFEST, ONNX, PARAMETERS, STABLEHLO = "policy.json", "policy.onnx", "policy.npz", "policy.stablehlo"
+ROBOT = "robot.xml"
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ class Camera:
     near: float
     far: float
     frames: int
-    offset: float  # ahead of the trunk's origin, along its x
+    offset: tuple[float, float, float]  # in the trunk's frame
     code_offset: float  # code = (sqrt(ln(d + 1)) − code_offset) / code_scale
     code_scale: float
 
@@ -60,13 +63,15 @@ class Manifest:
 
     Attributes:
         policy: the policy's name.
+        robot: its robot's name.
+        body: what `get_robot` finds it by: its name, or the MJCF in the folder.
         fields: the parts of `state` in order; empty if it is not read.
         camera: None if depth is not read.
         joints: names in the order of every vector of 12.
         default_pose: (12,) rad.
         lower: (12,) rad.
         upper: (12,) rad.
-        torque_limit: N·m.
+        torque_limit: (12,) N·m.
         kp: N·m/rad.
         kd: N·m·s/rad.
         policy_hz: ticks per second.
@@ -76,13 +81,15 @@ class Manifest:
     """
 
     policy: str
+    robot: str
+    body: str
     fields: tuple[Field, ...]
     camera: Camera | None
     joints: tuple[str, ...]
     default_pose: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
-    torque_limit: float
+    torque_limit: np.ndarray
     kp: float
     kd: float
     policy_hz: int
@@ -120,12 +127,13 @@ def read(folder: Path) -> Manifest:
             f"{folder / MANIFEST} is of format version {raw.get('format_version')!s:.20}, this loco-mjx reads "
             f"{VERSION}; export the run again with this version"
         )
+    body = folder / ROBOT if isinstance(raw.get("files"), dict) and ROBOT in raw["files"] else None
     try:
-        schema.check(raw)
+        schema.check(raw, None if body is None else get_robot(str(body)))
     except UserError as error:
         raise UserError(f"{folder / MANIFEST} cannot be used: {error}; export the run again") from error
     _check_files(folder, {name: str(about["sha256"]) for name, about in raw["files"].items()})
-    return build(raw)
+    return build(raw, body)
 
 
 def parameters(folder: Path, manifest: Manifest) -> dict[str, np.ndarray]:
@@ -160,23 +168,27 @@ def _load(folder: Path) -> dict[str, Any]:
     return raw
 
 
-def build(raw: Mapping[str, Any]) -> Manifest:
-    """What a manifest says that has been checked."""
+def build(raw: Mapping[str, Any], body: Path | None = None) -> Manifest:
+    """What a manifest says that has been checked; `body` is the MJCF in its folder, if there is one."""
     inputs, joints, gains, rates = raw["inputs"], raw["joints"], raw["gains"], raw["rates"]
     fields = inputs[STATE]["fields"] if STATE in inputs else []
     camera = None
     if DEPTH in inputs:
         keys = Camera.__dataclass_fields__
-        camera = Camera(**{name: value for name, value in inputs[DEPTH]["camera"].items() if name in keys})
+        values = {name: value for name, value in inputs[DEPTH]["camera"].items() if name in keys}
+        offset = values["offset"]  # its x alone, where y and z are 0
+        camera = Camera(**values | {"offset": tuple(offset) if isinstance(offset, list) else (offset, 0.0, 0.0)})
     return Manifest(
         policy=str(raw["policy"]),
+        robot=str(raw.get("robot", DEFAULT)),
+        body=str(body or raw["config"]["env"].get("robot", DEFAULT)),
         fields=tuple(Field(str(part["name"]), int(part["size"]), int(part["frames"])) for part in fields),
         camera=camera,
         joints=tuple(joints["order"]),
         default_pose=np.array(joints["default_pose"], np.float64),
         lower=np.array(joints["lower"], np.float64),
         upper=np.array(joints["upper"], np.float64),
-        torque_limit=float(joints["torque_limit"]),
+        torque_limit=np.broadcast_to(np.array(joints["torque_limit"], np.float64), NJOINT),
         kp=float(gains["kp"]),
         kd=float(gains["kd"]),
         policy_hz=int(rates["policy_hz"]),
@@ -187,10 +199,10 @@ def build(raw: Mapping[str, Any]) -> Manifest:
 
 
 def _check_files(folder: Path, recorded: Mapping[str, str]) -> None:
-    """The files are those that are described; all but the ONNX file may be absent, for no robot needs them."""
+    """The files are those that are described; all but what a robot needs, the ONNX file and its MJCF, may be absent."""
     for name, wanted in recorded.items():
         path = folder / name
-        if not path.is_file() and name == ONNX:
-            raise UserError(f"{folder} has no {ONNX}; export the run again")
+        if not path.is_file() and name in (ONNX, ROBOT):
+            raise UserError(f"{folder} has no {name}; export the run again")
         if path.is_file() and digest(path) != wanted:
             raise UserError(f"{path} is not the file that {MANIFEST} describes; export the run again")

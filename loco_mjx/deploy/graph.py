@@ -14,6 +14,7 @@ import numpy as np
 
 from loco_mjx.config import Config
 from loco_mjx.deploy.description import DEPTH, STATE, TARGETS
+from loco_mjx.robots import NJOINT
 
 OPSET, IR_VERSION = 17, 8  # LayerNormalization came with 17; onnxruntime 1.14 and TensorRT 8.6 read both
 LAYER_NORM_EPSILON = 1e-5
@@ -212,7 +213,7 @@ def _model(b: Builder, shapes: dict[str, tuple[int, ...]]) -> Any:
 
     b.nodes[-1].output[0] = TARGETS
     inputs = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in shapes.items()]
-    output = helper.make_tensor_value_info(TARGETS, TensorProto.FLOAT, (12,))
+    output = helper.make_tensor_value_info(TARGETS, TensorProto.FLOAT, (NJOINT,))
     graph = helper.make_graph(b.nodes, "policy", inputs, [output], b.weights)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="loco-mjx")
     model.ir_version = IR_VERSION

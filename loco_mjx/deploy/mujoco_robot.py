@@ -1,8 +1,7 @@
-"""An A1 in C MuJoCo: the full scene with its real geoms, and a depth camera by ray casting."""
+"""A robot in C MuJoCo: the full scene with its real geoms, and a depth camera by ray casting."""
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +9,6 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from loco_mjx import a1
 from loco_mjx.deploy.folder import Camera
 from loco_mjx.deploy.robot import Frame, RobotError, Sensors
 from loco_mjx.deploy.runner import SIT
@@ -18,6 +16,7 @@ from loco_mjx.deploy.terrain_contacts import TerrainContacts
 from loco_mjx.deploy.terrain_rays import TerrainRays
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import Range, check
+from loco_mjx.robots import LEGS, NJOINT, NQ
 
 SEEN_GROUP, HIDDEN_GROUP = 2, 5  # geom groups: what the camera sees, and what has been collected
 GROUND_GROUP = 1  # heightfields, whose rays are cast apart; viewers show it, as they do SEEN_GROUP
@@ -60,33 +59,38 @@ class MujocoRobot:
         lying: bool = True,
         between: Callable[[Any, Any], None] | None = None,
         prisms: bool = False,
+        policy_hz: int = 25,
     ) -> None:
         """Puts the robot at the scene's keyframe.
 
         Args:
-            model: mujoco.MjModel of a scene (loco_mjx/scene/mjcf.py), or of mjcf/a1.xml with a ground.
+            model: mujoco.MjModel of a scene (loco_mjx/scene/mjcf.py), or of a robot's own MJCF with a ground.
             camera: of the policy; None renders nothing.
             imperfections: of the sensors; None for none.
             seed: of their noise.
             lying: start on the belly instead of standing.
             between: called with the model and its data every control step, to move what moves.
             prisms: leave C's own contacts with a heightfield as they are; see loco_mjx/deploy/terrain_contacts.py.
+            policy_hz: images per second, and how often what moves is moved.
 
         Raises:
-            UserError: if the model is no A1, its rates are others, or an imperfection is none.
+            UserError: if the model is no scene with a robot, its rates are others, or an imperfection is none.
         """
         import mujoco
 
         self._mujoco, self.model, self.data = mujoco, model, mujoco.MjData(model)
-        if model.nq != 19 or model.nu != 12 or abs(model.opt.timestep - a1.PHYSICS_DT) > 1e-9 or model.nkey < 1:
-            raise UserError("the MJCF is no scene with an A1; `loco-mjx scene --out FILE.xml` writes one")
+        self._dt = float(model.opt.timestep)
+        self._substeps = round(1 / (policy_hz * self._dt))
+        whole = abs(self._substeps * policy_hz * self._dt - 1) < 1e-6
+        if model.nq != NQ or model.nu != NJOINT or not whole or model.nkey < 1:
+            raise UserError("the MJCF is no scene with a robot; `loco-mjx scene --out FILE.xml` writes one")
+        self.name = model.names[: model.names.index(b"\0")].decode().removesuffix("_scene")
         self.camera, self.faults = camera, imperfections or Imperfections()
         check(self.faults, "imperfections")
         self._random, self._between, self._steps = np.random.default_rng(seed), between, 0
-        self._frames: deque[Frame] = deque(maxlen=round(MEMORY / a1.CONTROL_DT) + 2)
-        self._sensors: deque[Sensors] = deque(maxlen=round(MEMORY / a1.PHYSICS_DT) + 2)
+        self._frames: deque[Frame] = deque(maxlen=round(MEMORY * policy_hz) + 2)
+        self._sensors: deque[Sensors] = deque(maxlen=round(MEMORY / self._dt) + 2)
         self._contacts = TerrainContacts(model, prisms)
-        self._rays = None if camera is None else _directions(camera)
         self._terrain = None if camera is None else TerrainRays(model, SEEN_GROUP, GROUND_GROUP)
         self._place(lying)
         self._sense()
@@ -96,7 +100,7 @@ class MujocoRobot:
 
     def now(self) -> float:
         """Simulated time, s."""
-        return self._steps * a1.PHYSICS_DT
+        return self._steps * self._dt
 
     def read(self) -> Sensors:
         """The measurements of `sensor_latency` ago."""
@@ -111,11 +115,11 @@ class MujocoRobot:
     def command(self, targets: np.ndarray, kp: float, kd: float) -> None:
         """One physics step under the PD law."""
         torque = kp * (targets - self.data.qpos[7:]) - kd * self.data.qvel[6:]
-        self.data.ctrl[:] = np.clip(torque, -a1.TORQUE_LIMIT, a1.TORQUE_LIMIT)
+        self.data.ctrl[:] = np.clip(torque, *self.model.actuator_ctrlrange.T)
         self._contacts.step(self.data)
         self._steps += 1
         self._sense()
-        if self._steps % a1.SUBSTEPS == 0:
+        if self._steps % self._substeps == 0:
             self._collect()
             if self._between is not None:
                 self._between(self.model, self.data)
@@ -129,17 +133,21 @@ class MujocoRobot:
     def _place(self, lying: bool) -> None:
         self._mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         if lying:
-            thigh, calf = SIT[1], SIT[2]
-            height = a1.LINK_LENGTH * (math.cos(thigh) + math.cos(thigh + calf)) + a1.FOOT_RADIUS
-            self.data.qpos[2] += height - a1.STAND_HEIGHT
+            standing = self._lowest_foot()
             self.data.qpos[7:] = SIT
+            self.data.qpos[2] -= self._lowest_foot() - standing
         self._mujoco.mj_forward(self.model, self.data)
+
+    def _lowest_foot(self) -> float:
+        """Height of the lowest foot's centre, m."""
+        self._mujoco.mj_kinematics(self.model, self.data)
+        return float(min(self.data.geom(f"{leg}_foot_sphere").xpos[2] for leg in LEGS))
 
     def _sense(self) -> None:
         noise, faults = self._random.normal, self.faults
         angles, gyro = self.data.qpos[7:].copy(), self.data.qvel[3:6].copy()
         # noise = N(0, σ)
-        angles += noise(0.0, faults.angle_noise, 12) if faults.angle_noise else 0.0
+        angles += noise(0.0, faults.angle_noise, NJOINT) if faults.angle_noise else 0.0
         gyro += noise(0.0, faults.gyro_noise, 3) if faults.gyro_noise else 0.0
         quat, position = self.data.qpos[3:7].copy(), self.data.qpos[:3].copy()
         self._sensors.append(Sensors(self.now(), angles, self.data.qvel[6:].copy(), quat, gyro, position))
@@ -155,26 +163,12 @@ class MujocoRobot:
 
     def _render(self) -> np.ndarray:
         """(height, width) planar depth, m, of what is not the robot."""
-        mujoco, camera = self._mujoco, self.camera
-        assert camera is not None and self._rays is not None and self._terrain is not None
-        mujoco.mj_kinematics(self.model, self.data)  # after a step positions are still those before it
-        trunk = self.data.body("trunk")
-        rotation = trunk.xmat.reshape(3, 3)
-        rays = self._rays @ rotation.T
-        length = np.linalg.norm(rays, axis=1)
-        groups = np.zeros(mujoco.mjNGROUP, np.uint8)
-        groups[SEEN_GROUP] = 1
-        hit, distance = np.full(len(rays), -1, np.int32), np.zeros(len(rays))
-        origin = trunk.xpos + camera.offset * rotation[:, 0]
-        unit = (rays / length[:, None]).ravel()
-        # Nothing farther than `far` is in range; but MuJoCo leaves out a plane whose origin is beyond the cutoff.
-        cutoff = camera.far * float(length.max()) + float(np.linalg.norm(origin))
-        mujoco.mj_multiRay(
-            self.model, self.data, origin, unit, groups, True, -1, hit, distance, None, len(rays), cutoff
-        )
-        self._terrain.nearest(origin, unit, groups, hit, distance)
-        depth = np.where(hit >= 0, distance / length, camera.far)
-        return np.clip(depth, camera.near, camera.far).reshape(camera.height, camera.width)
+        from loco_mjx.depth import c_mujoco
+
+        assert self.camera is not None
+        self._mujoco.mj_kinematics(self.model, self.data)  # after a step positions are still those before it
+        where = (self.data.qpos, self.camera.offset, self.camera)
+        return c_mujoco.cast(self.model, self.data, *where, groups=(SEEN_GROUP,), terrain=self._terrain)
 
     def _collect(self) -> None:
         """Spheres that the robot has reached are seen no more."""
@@ -191,13 +185,3 @@ def _newest(kept: deque[Any], latest: float) -> Any:
         if item.time <= latest + 1e-9:
             return item
     return kept[0]
-
-
-def _directions(camera: Camera) -> np.ndarray:
-    """(height · width, 3) rays, forward component 1, then left and up; pixel centres even in the image plane."""
-    half_width = math.tan(math.radians(camera.horizontal_fov) / 2)
-    half_height = math.tan(math.radians(camera.vertical_fov) / 2)
-    left = half_width * (1 - (2 * np.arange(camera.width) + 1) / camera.width)
-    up = half_height * (1 - (2 * np.arange(camera.height) + 1) / camera.height)
-    up, left = np.meshgrid(up, left, indexing="ij")
-    return np.stack([np.ones(up.size), left.ravel(), up.ravel()], axis=-1)

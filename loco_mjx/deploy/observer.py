@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from loco_mjx import rotations
 from loco_mjx.deploy.depth_hold import DepthHold
 from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.deploy.folder import Camera, Manifest
@@ -38,16 +39,8 @@ def check_readable(manifest: Manifest, position_known: bool) -> None:
 
 
 def up(quat: np.ndarray) -> float:
-    """The z of the trunk's up axis: 1 upright, 0 on its side."""
-    _, x, y, _ = quat / np.linalg.norm(quat)
-    return float(1 - 2 * (x * x + y * y))
-
-
-def roll_pitch(quat: np.ndarray) -> np.ndarray:
-    """(2,) roll and pitch, rad, of (w, x, y, z)."""
-    w, x, y, z = quat / np.linalg.norm(quat)
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    return np.array([roll, np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))])
+    """The z of the trunk's up axis, of a quaternion as it is measured: 1 upright, 0 on its side."""
+    return float(rotations.upright(rotations.unit(quat)))
 
 
 def encode(depth: np.ndarray, camera: Camera) -> np.ndarray:
@@ -89,7 +82,7 @@ class Observer:
 
     def _measured(self, sensors: Sensors, targets: np.ndarray) -> dict[str, np.ndarray]:
         now = {
-            "imu": np.concatenate([roll_pitch(sensors.quat), sensors.gyro[:2]]),
+            "imu": np.concatenate([rotations.roll_pitch(rotations.unit(sensors.quat)), sensors.gyro[:2]]),
             "last_action": targets - self._manifest.default_pose,
             "angles": sensors.angles,
         }

@@ -1,4 +1,4 @@
-"""Which measurements an A1 with a depth camera can give, and which no robot can."""
+"""Which measurements a robot with a depth camera can give, and which no robot can."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import numpy as np
 
 from loco_mjx.deploy.folder import Camera
 from loco_mjx.deploy.robot import Frame, Sensors
+from loco_mjx.robots import NJOINT
 
 JOINT_SPEED = 60.0  # rad/s; the motors reach 21, an impact a little more
 TRUNK_SPEED = 35.0  # rad/s, the gyroscope's range, 2000 °/s
 NORM = 0.1  # by which a quaternion's norm may differ from 1
 MOVED = 0.05  # rad; a joint whose target has moved by more does not stay where it is to the last bit
-SHAPES = {"angles": 12, "velocities": 12, "quat": 4, "gyro": 3}
+SHAPES = {"angles": NJOINT, "velocities": NJOINT, "quat": 4, "gyro": 3}
 
 
 def malformed(sensors: Sensors) -> str | None:
@@ -28,7 +29,7 @@ def malformed(sensors: Sensors) -> str | None:
 
 
 def impossible(sensors: Sensors, joints: tuple[str, ...]) -> str | None:
-    """What of finite measurements no A1 can do; None if it can do all of it."""
+    """What of finite measurements no such robot can do; None if it can do all of it."""
     norm = float(np.linalg.norm(sensors.quat))
     if abs(norm - 1) > NORM:
         return f"the orientation's quaternion has norm {norm:.3g}; accepted: 1 ± {NORM}"
@@ -78,8 +79,8 @@ class Stuck:
 
     def __init__(self) -> None:
         """Has seen nothing yet."""
-        self._measured = np.full((2, 12), np.nan)
-        self._since, self._low, self._high = np.zeros(12), np.zeros(12), np.zeros(12)
+        self._measured = np.full((2, NJOINT), np.nan)
+        self._since, self._low, self._high = np.zeros(NJOINT), np.zeros(NJOINT), np.zeros(NJOINT)
 
     def seconds(self, sensors: Sensors, targets: np.ndarray) -> np.ndarray:
         """(12,) s, 0 where the target has not moved; takes in a measurement and (12,) targets, rad."""

@@ -48,7 +48,13 @@ class Frame:
 
 
 class Robot(Protocol):
-    """An A1. `read` and `depth` return at once with the newest there is; `command` paces the loop."""
+    """A robot. `read` and `depth` return at once with the newest there is; `command` paces the loop.
+
+    Attributes:
+        name: whose policies it runs, e.g. "a1".
+    """
+
+    name: str
 
     def now(self) -> float:
         """The robot's clock, s."""

@@ -15,9 +15,10 @@ from loco_mjx.deploy.robot import Frame, Robot, RobotError, Sensors
 from loco_mjx.deploy.safety import Cause, EmergencyStop, Guard, Limits, Stop
 from loco_mjx.deploy.worker import Overdue, Worker
 from loco_mjx.errors import UserError
+from loco_mjx.robots import LEGS, NJOINT
 
 Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
-SIT = np.tile([0.0, 1.35, -2.6], 4)  # rad, lying on the belly with folded legs
+SIT = np.tile([0.0, 1.35, -2.6], len(LEGS))  # rad, lying on the belly with folded legs
 MOVE_GAINS = (80.0, 1.0)  # N·m/rad, N·m·s/rad, for standing up and sitting down
 STAND, HOLD, SIT_DOWN = 2.0, 0.4, 2.0  # s
 DAMPED_GAINS = (15.0, 2.5)  # the first fades to 0 while the robot sinks
@@ -67,8 +68,13 @@ class Runner:
         """Everything that can be known before the first command.
 
         Raises:
-            UserError: if the robot does not answer, lacks what the policy reads, or stands in a way it should not.
+            UserError: if the robot is not the policy's, does not answer, lacks what the policy reads, or stands in a
+                way it should not.
         """
+        if self.robot.name != self.manifest.robot:
+            raise UserError(
+                f"the policy is {self.manifest.robot}'s, the robot is {self.robot.name}; it was not commanded"
+            )
         try:
             sensors = self.robot.read()
             frame = self.robot.depth() if self.manifest.camera is not None else None
@@ -83,8 +89,8 @@ class Runner:
     def _check_policy(self, sensors: Sensors, frame: Frame | None) -> None:
         """One tick that is thrown away; it also warms up the runtime."""
         targets = self.policy(Observer(self.manifest).observe(sensors, frame, self.manifest.default_pose))
-        if targets.shape != (12,) or not np.all(np.isfinite(targets)):
-            raise UserError("the policy's output is not 12 numbers; export the run again")
+        if targets.shape != (NJOINT,) or not np.all(np.isfinite(targets)):
+            raise UserError(f"the policy's output is not {NJOINT} numbers; export the run again")
 
     def run(self, seconds: float) -> Record:
         """Stands up, runs the policy, sits down.

@@ -20,6 +20,7 @@ from loco_mjx.deploy.observer import up
 from loco_mjx.deploy.plausible import Stuck, Unchanged, impossible, malformed, unusable
 from loco_mjx.deploy.robot import Frame, Sensors
 from loco_mjx.ranges import Range, check
+from loco_mjx.robots import NJOINT
 
 Seconds = Annotated[float, Range(0, 5, above=True)]
 AHEAD = 0.005  # s by which a measurement's clock may be ahead
@@ -136,7 +137,7 @@ class Guard:
         self._joints, self._trunk, self._image = Unchanged(), Unchanged(), Unchanged()
         self._encoders = Stuck()
         self._manifest = manifest
-        self._saturated = np.zeros(12)  # s
+        self._saturated = np.zeros(NJOINT)  # s
         self._missed = 0
         self.misses = 0
         self.clamped = 0  # commands that were changed
@@ -202,8 +203,8 @@ class Guard:
 
     def action(self, targets: np.ndarray) -> None:
         """Refuses what is not 12 numbers."""
-        if targets.shape != (12,):
-            raise Stop(Cause.POLICY, f"its output has shape {targets.shape}, not (12,)")
+        if targets.shape != (NJOINT,):
+            raise Stop(Cause.POLICY, f"its output has shape {targets.shape}, not {(NJOINT,)}")
         if not np.all(np.isfinite(targets)):
             raise Stop(Cause.NONFINITE_ACTION, "the policy's output is not a number")
 

@@ -7,12 +7,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from loco_mjx import a1
 from loco_mjx.config import Config, from_dict
 from loco_mjx.deploy import description
 from loco_mjx.deploy.description import DEPTH, SEAL, STATE, TARGETS
 from loco_mjx.errors import UserError
+from loco_mjx.robots import DEFAULT, NJOINT, Robot, get_robot, joint_names
 
+ROBOT = "robot"  # the key; a manifest without it is of an A1
 LONGEST = 160  # characters that are shown of a value and of what is accepted, either of which may be a long list
 # Words for people: another version may find better ones for the same thing.
 WORDS = ("meaning", "depth", "order")
@@ -47,8 +48,12 @@ def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return dict(pairs)
 
 
-def check(raw: Mapping[str, Any]) -> None:
+def check(raw: Mapping[str, Any], own: Robot | None = None) -> None:
     """Checks all that a manifest says: its fields and their values, its hash, and that they fit its configuration.
+
+    Args:
+        raw: the manifest.
+        own: its robot, where its folder has one; else it is looked up by its name.
 
     Raises:
         UserError: naming what is wrong, in one line.
@@ -57,7 +62,8 @@ def check(raw: Mapping[str, Any]) -> None:
     from jsonschema import Draft202012Validator
     from jsonschema.exceptions import best_match
 
-    error = best_match(Draft202012Validator(schema()).iter_errors(raw))
+    robot, named = _robot(raw, own)
+    error = best_match(Draft202012Validator(schema(robot, named)).iter_errors(raw))
     if error is not None:
         raise UserError(_complaint(error))
     if raw[SEAL] != description.sealed(raw):
@@ -68,8 +74,8 @@ def check(raw: Mapping[str, Any]) -> None:
     if raw["config_hash"] != description.config_hash(raw["config"]):
         raise UserError("config_hash is not its configuration's")
     # As the file has it: keys that this version knows and the one that wrote it did not are no difference.
-    wanted = description.describe(config, raw["inputs"], raw["hold"])
-    differs = _difference(raw, wanted | {key: raw[key] for key in ("config", "config_hash")})
+    wanted = description.describe(config, raw["inputs"], raw["hold"], robot)
+    differs = _difference({ROBOT: DEFAULT} | dict(raw), wanted | {key: raw[key] for key in ("config", "config_hash")})
     if differs is None and raw["training"]["task"] != config.env.task:
         differs = "training.task", raw["training"]["task"], config.env.task
     if differs is not None:
@@ -130,33 +136,52 @@ def _number(low: float, high: float, kind: str = "number") -> dict[str, Any]:
     return {"type": kind, "minimum": low, "maximum": high}
 
 
-def schema() -> dict[str, Any]:
-    """The JSON Schema of ``policy.json``: what the robot is, as it is; what a policy may choose, in its ranges."""
+def _robot(raw: Mapping[str, Any], own: Robot | None) -> tuple[Robot, bool]:
+    """The robot of a manifest's configuration, and whether that names one: those written before others came do not.
+
+    Raises:
+        UserError: if it is unknown here, or the manifest names another.
+    """
+    configuration = raw.get("config")
+    env = configuration.get("env") if isinstance(configuration, Mapping) else None
+    name = env.get(ROBOT) if isinstance(env, Mapping) else None
+    robot = own or get_robot(name if isinstance(name, str) else DEFAULT)
+    if raw.get(ROBOT, robot.name) != robot.name:
+        raise UserError(f"robot is {_short(raw[ROBOT])}; accepted, for its configuration: {_short(robot.name)}")
+    return robot, name is not None
+
+
+def schema(robot: Robot, named: bool) -> dict[str, Any]:
+    """The JSON Schema of ``policy.json``: what the robot is, as it is; what a policy may choose, in its ranges.
+
+    `named` is whether it has to name its robot.
+    """
     joints = {
-        "order": {"const": list(a1.JOINTS)},
-        "default_pose": {"const": list(a1.DEFAULT_POSE)},
-        "lower": {"const": list(a1.JOINT_LOWER)},
-        "upper": {"const": list(a1.JOINT_UPPER)},
-        "torque_limit": {"const": a1.TORQUE_LIMIT},
+        "order": {"const": list(joint_names())},
+        "default_pose": {"const": list(robot.default_pose)},
+        "lower": {"const": list(robot.lower)},
+        "upper": {"const": list(robot.upper)},
+        "torque_limit": {"const": _plain(description.torque_limit(robot))},
     }
-    rates = {"policy_hz": {"const": round(1 / a1.CONTROL_DT)}, "pd_hz": {"const": round(1 / a1.PHYSICS_DT)}}
-    files = dict.fromkeys(("policy.onnx", "policy.npz", "policy.stablehlo"), _object({"sha256": _HASH}))
+    rates = {"policy_hz": {"const": robot.policy_hz}, "pd_hz": {"const": round(1 / robot.physics_dt)}}
+    files = dict.fromkeys(("policy.onnx", "policy.npz", "policy.stablehlo", "robot.xml"), _object({"sha256": _HASH}))
     action = {"scale": _numbers(3, 0, math.pi), "diagonal": {"type": "boolean"}, "included_in_onnx": {"const": True}}
     return _object(
         {
             "format": {"const": description.FORMAT},
             "format_version": {"const": description.VERSION},
             "policy": _NAME,
-            "inputs": _object({STATE: _state(), DEPTH: _depth()}, (STATE, DEPTH)) | {"minProperties": 1},
+            ROBOT: {"const": robot.name},
+            "inputs": _object({STATE: _state(), DEPTH: _depth(robot)}, (STATE, DEPTH)) | {"minProperties": 1},
             "outputs": _object(
-                {TARGETS: _object({"shape": {"const": [12]}, "unit": {"const": "rad"}, "meaning": _TEXT})}
+                {TARGETS: _object({"shape": {"const": [NJOINT]}, "unit": {"const": "rad"}, "meaning": _TEXT})}
             ),
             "joints": _object(joints),
             "gains": _object({"kp": _number(0, 500), "kd": _number(0, 50), "unit": {"const": "N·m/rad, N·m·s/rad"}}),
             "rates": _object(rates),
             "action": _object(action),
             "hold": _number(1, 1000, "integer"),
-            "latency": _object({"trained_with": _numbers(2, 0, a1.CONTROL_DT), "unit": {"const": "s"}}),
+            "latency": _object({"trained_with": _numbers(2, 0, robot.control_dt), "unit": {"const": "s"}}),
             "training": _object(
                 {
                     "task": _NAME,
@@ -167,10 +192,16 @@ def schema() -> dict[str, Any]:
             "config_hash": _HASH,
             "config": {"type": "object"},  # its own types and ranges are looked at by loco_mjx.config
             "versions": {"type": "object", "additionalProperties": _TEXT},
-            "files": _object(files, ("policy.npz", "policy.stablehlo")),
+            "files": _object(files, ("policy.npz", "policy.stablehlo", "robot.xml")),
             SEAL: _HASH,
-        }
+        },
+        () if named else (ROBOT,),
     )
+
+
+def _plain(value: float | tuple[float, ...]) -> Any:
+    """As JSON has it."""
+    return list(value) if isinstance(value, tuple) else value
 
 
 _NONE = {"type": "null"}
@@ -180,7 +211,7 @@ def _state() -> dict[str, Any]:
     field = {
         "name": {"enum": list(description.FIELDS)},
         "offset": _number(0, 10_000, "integer"),
-        "size": _number(1, 12, "integer"),
+        "size": _number(1, NJOINT, "integer"),
         "frames": _number(1, 64, "integer"),
         "order": {"const": description.NEWEST_FIRST},
         "unit": {"enum": sorted({unit for _, unit, _ in description.FIELDS.values()})},
@@ -191,7 +222,7 @@ def _state() -> dict[str, Any]:
     return _object({"shape": size, "normalised": {"const": False}, "fields": fields})
 
 
-def _depth() -> dict[str, Any]:
+def _depth(robot: Robot) -> dict[str, Any]:
     camera = {
         "height": _number(1, 1024, "integer"),
         "width": _number(1, 1024, "integer"),
@@ -200,7 +231,7 @@ def _depth() -> dict[str, Any]:
         "near": _number(0, 1000),
         "far": _number(0, 1000),
         "frames": _number(1, 64, "integer"),
-        "offset": {"const": a1.CAMERA_OFFSET},
+        "offset": {"const": _plain(description.camera_offset(robot))},
         "code_offset": {"const": description.CODE_OFFSET},
         "code_scale": {"const": description.CODE_SCALE},
     }

@@ -10,6 +10,7 @@ import numpy as np
 from loco_mjx.deploy.description import TARGETS
 from loco_mjx.deploy.folder import ONNX, Manifest
 from loco_mjx.errors import UserError
+from loco_mjx.robots import NJOINT
 
 FLOAT = "tensor(float)"
 
@@ -37,7 +38,7 @@ class Session:
         found = {part.name: (tuple(part.shape), part.type) for part in self._session.get_inputs()}
         wanted = {name: (shape, FLOAT) for name, shape in manifest.shapes.items()}
         outputs = {part.name: (tuple(part.shape), part.type) for part in self._session.get_outputs()}
-        if found != wanted or outputs != {TARGETS: ((12,), FLOAT)}:
+        if found != wanted or outputs != {TARGETS: ((NJOINT,), FLOAT)}:
             raise UserError(f"{folder / ONNX} does not match its description: it has {found} → {outputs}, not {wanted}")
 
     def __call__(self, obs: Mapping[str, np.ndarray]) -> np.ndarray:

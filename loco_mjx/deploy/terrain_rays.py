@@ -57,10 +57,9 @@ class TerrainRays:
         """
         if self._model is None:
             return
-        also, distance = np.full(len(hit), -1, np.int32), np.zeros(len(hit))
-        self._mujoco.mj_multiRay(
-            self._model, self._data, origin, unit, groups, True, -1, also, distance, None, len(hit), np.inf
-        )
+        from loco_mjx.depth import c_mujoco
+
+        also, distance = c_mujoco.nearest(self._model, self._data, origin, unit, groups)
         nearer = (also >= 0) & ((hit < 0) | (distance < far))
         hit[nearer], far[nearer] = also[nearer], distance[nearer]
 

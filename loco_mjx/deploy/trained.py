@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -43,6 +44,7 @@ def load(path: Path, step: int | str | None = None) -> TrainedPolicy:
     manifest = folder.read(path)
     try:
         config = from_dict(Config, dict(manifest.raw["config"]))
+        config = replace(config, env=replace(config.env, robot=manifest.body))
         samples = int(manifest.raw["training"]["samples"])
     except (UserError, KeyError, TypeError, ValueError) as error:
         raise UserError(f"{path / folder.MANIFEST} is of another version ({error}); export the run again") from error

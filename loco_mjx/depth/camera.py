@@ -12,40 +12,31 @@ import jax
 import jax.numpy as jp
 import numpy as np
 
-from loco_mjx import a1
+from loco_mjx import rotations
 from loco_mjx.config import DepthConfig
+from loco_mjx.robots.robot import Vector3
 
 
 def rotation_matrix(quat: jax.Array) -> jax.Array:
-    """The rotation of a quaternion (w, x, y, z) of any non-zero length.
-
-    Args:
-        quat: (4,).
-
-    Returns:
-        (3, 3) matrix that turns body vectors into world vectors.
-    """
-    w, x, y, z = quat / jp.sqrt(jp.sum(quat * quat))
-    return jp.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    """(3, 3) matrix that turns body vectors into world vectors, of a quaternion (4,) of any non-zero length."""
+    return jp.array([list(row) for row in zip(*rotations.axes(quat, jp), strict=True)])
 
 
-def pose(qpos: jax.Array) -> tuple[jax.Array, jax.Array]:
+def pose(qpos: jax.Array, mount: Vector3) -> tuple[jax.Array, jax.Array]:
     """Where the camera is, from the free base's pose alone.
 
     Args:
         qpos: (7 or more,) base position, base quaternion (w, x, y, z), and whatever follows.
+        mount: the camera in the base's frame, m.
 
     Returns:
         origin (3,) in the world, m, and rotation (3, 3) whose columns are forward, left, up in the world.
     """
     rotation = rotation_matrix(qpos[3:7])
-    return qpos[:3] + a1.CAMERA_OFFSET * rotation[:, 0], rotation
+    origin = qpos[:3] + mount[0] * rotation[:, 0]
+    for axis in (1, 2):
+        origin = origin + mount[axis] * rotation[:, axis] if mount[axis] else origin
+    return origin, rotation
 
 
 def rays(config: DepthConfig) -> tuple[np.ndarray, np.ndarray]:

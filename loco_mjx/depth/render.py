@@ -15,6 +15,7 @@ from flax import struct
 from loco_mjx.config import DepthConfig
 from loco_mjx.depth import camera, heightfield, primitives
 from loco_mjx.depth.primitives import Rays
+from loco_mjx.robots.robot import Vector3
 from loco_mjx.scene.types import Boxes, Scene, Terrain
 
 BLOCK = 4  # primitives tested in one pass over the image
@@ -95,9 +96,9 @@ def _gather_boxes(planes: tuple[jax.Array, jax.Array], boxes: Boxes, origin: jax
     return _gather(in_view & ~turned, center, boxes.half), _gather(in_view & turned, own, boxes.half, cos, sin)
 
 
-def look(scene: Scene, qpos: jax.Array, config: DepthConfig) -> View:
-    """Gathers what can be in view from the base's pose ``qpos`` (7 or more,)."""
-    origin, rotation = camera.pose(qpos)
+def look(scene: Scene, qpos: jax.Array, mount: Vector3, config: DepthConfig) -> View:
+    """Gathers what can be in view from the base's pose ``qpos`` (7 or more,) by a camera at ``mount`` in its frame."""
+    origin, rotation = camera.pose(qpos, mount)
     planes = primitives.frustum(rotation, config)
     boxes, turned_boxes = _gather_boxes(planes, scene.boxes, origin)
     spheres, cylinders = scene.spheres, scene.cylinders
@@ -171,16 +172,17 @@ def _one_at_a_time_on_cpu(function: Callable[[View], jax.Array]) -> Callable[[Vi
     return mapped
 
 
-def render(scene: Scene, qpos: jax.Array, config: DepthConfig) -> jax.Array:
+def render(scene: Scene, qpos: jax.Array, mount: Vector3, config: DepthConfig) -> jax.Array:
     """The depth image seen from a robot's base; write it for one environment and ``jax.vmap`` it.
 
     Args:
         scene: one environment's world; visual extents are what is seen, the robot itself is not.
         qpos: (7 or more,) base position, base quaternion (w, x, y, z), and whatever follows.
+        mount: the camera in the base's frame, m; it looks along the base's x.
         config: size, field of view and clips of the image.
 
     Returns:
         (height, width) float32 planar depth in metres, clipped to [near, far]; row 0 is the top, column 0 the left;
         rays that hit nothing read ``far``.
     """
-    return _one_at_a_time_on_cpu(partial(trace, config=config))(look(scene, qpos, config))
+    return _one_at_a_time_on_cpu(partial(trace, config=config))(look(scene, qpos, mount, config))

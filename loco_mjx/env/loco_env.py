@@ -1,4 +1,4 @@
-"""One A1 in one scene, as a Brax-style environment: written for one environment, made to be vmapped."""
+"""One robot in one scene, as a Brax-style environment: written for one environment, made to be vmapped."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jp
 
-from loco_mjx import a1
+from loco_mjx import rotations
 from loco_mjx.config import EnvConfig
 from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
@@ -16,7 +16,8 @@ from loco_mjx.env import metrics, privileged, randomization, reward
 from loco_mjx.env import observation as obs_lib
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
-from loco_mjx.physics.step import Outcome, PhysicsState, control_step, initial_state
+from loco_mjx.physics.step import PhysicsState, SubstepTrace, control_step, initial_state
+from loco_mjx.robots import LEGS, NJOINT, get_robot
 from loco_mjx.scene import motion, pool, query, surface
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
@@ -34,12 +35,13 @@ class LocoEnv:
         """Builds the physics model of the task.
 
         Raises:
-            UnknownNameError: if the task or a term of the reward is unknown.
+            UnknownNameError: if the task, the robot or a term of the reward is unknown.
+            UserError: if the robot's MJCF does not fit.
         """
         self.config = config
-        self.task = get_task(config.task)
+        self.task, self.robot = get_task(config.task), get_robot(config.robot)
         reward.weights(config.reward)  # refuses unknown terms
-        self._model = physics_model.build(config.physics, self.task.obstacle_slots)
+        self._model = physics_model.build(self.robot, config.physics, self.task.obstacle_slots)
 
     @property
     def action_size(self) -> int:
@@ -60,7 +62,7 @@ class LocoEnv:
     @property
     def dt(self) -> float:
         """Duration of a control step, s."""
-        return a1.CONTROL_DT
+        return self.robot.control_dt
 
     # Scenes ---------------------------------------------------------------------------------------------------------
 
@@ -80,7 +82,7 @@ class LocoEnv:
         return self.observe(self.begin(start_key, self.task.generate(scene_key)))
 
     def step(self, state: State, action: jax.Array) -> State:
-        """One control step of 0.04 s."""
+        """One control step."""
         return self.observe(self.advance(state, action))
 
     # Their parts ----------------------------------------------------------------------------------------------------
@@ -93,8 +95,8 @@ class LocoEnv:
             step=jp.zeros((), jp.int32),
             start=qpos[:3],
             first_obstacle=query.first_obstacle_x(scene),
-            last_action=jp.zeros(12),
-            history=obs_lib.first_history(self.config.observation),
+            last_action=jp.zeros(NJOINT),
+            history=obs_lib.first_history(self.config.observation, self.robot),
         )
         world = World(initial_state(qpos), scene, randomization.draw(robot_key, self.config), episode)
         info = {"key": episode_key, "truncation": jp.zeros(())}
@@ -107,7 +109,7 @@ class LocoEnv:
         command = self._command(action)
         scene = self.next_scene(state)
         before: World = state.pipeline_state
-        targets = jp.array(a1.DEFAULT_POSE) + command
+        targets = jp.array(self.robot.default_pose) + command
         physics, outcome = control_step(self._model, before.physics, scene, targets, before.randomization.dynamics)
         return self.conclude(state, scene, physics, outcome, command)
 
@@ -117,10 +119,10 @@ class LocoEnv:
         if not self.task.moving:
             return world.scene
         _, motion_key = jax.random.split(state.info["key"])
-        return motion.move(motion.redraw(motion_key, world.scene, world.episode.step), a1.CONTROL_DT)
+        return motion.move(motion.redraw(motion_key, world.scene, world.episode.step), self.dt)
 
     def conclude(
-        self, state: State, scene: Scene, physics: PhysicsState, outcome: Outcome, command: jax.Array
+        self, state: State, scene: Scene, physics: PhysicsState, outcome: SubstepTrace, command: jax.Array
     ) -> State:
         """Reward, termination and metrics of a control step, whoever computed its physics.
 
@@ -149,11 +151,11 @@ class LocoEnv:
         goal = obs_lib.goal_in_base(world.scene.goal, qpos) if config.goal else None
         obs = {"state": obs_lib.state_vector(world.episode.history, goal)}
         if config.privileged:
-            obs["privileged"] = privileged.observe(world.scene, qpos, world.physics.qvel)
+            obs["privileged"] = privileged.observe(world.scene, self.robot.stand_height, qpos, world.physics.qvel)
         info = dict(state.info)
         if config.depth.enabled:
             info["key"], blind_key = jax.random.split(state.info["key"])
-            depth = render(world.scene, qpos, config.depth)
+            depth = render(world.scene, qpos, self.robot.camera, config.depth)
             noise = config.depth.noise if config.depth.noise is not None else self.config.randomization.enabled
             if noise:
                 depth = blind_pixels(blind_key, depth, config.depth)
@@ -167,11 +169,10 @@ class LocoEnv:
         # x, y = +U(-start_range, start_range)
         reach = self.config.start_range
         xy = jax.random.uniform(key, (2,), minval=-reach, maxval=reach)
-        feet_x = xy[0] + a1.HIP_X * jp.array([1.0, 1.0, -1.0, -1.0])
-        feet_y = xy[1] + (a1.HIP_Y + a1.THIGH_OFFSET) * jp.array([-1.0, 1.0, -1.0, 1.0])
-        z = jp.max(jax.vmap(lambda x, y: surface.ground_height(scene, x, y))(feet_x, feet_y)) + a1.STAND_HEIGHT
+        feet_x, feet_y = (xy[i] + jp.array([foot[i] for foot in self.robot.feet]) for i in range(2))
+        ground = jp.max(jax.vmap(lambda x, y: surface.ground_height(scene, x, y))(feet_x, feet_y))
         quat = jp.array([1.0, 0.0, 0.0, 0.0])
-        return jp.concatenate([xy, z[None], quat, jp.array(a1.DEFAULT_POSE)])
+        return jp.concatenate([xy, (ground + self.robot.stand_height)[None], quat, jp.array(self.robot.default_pose)])
 
     def _command(self, action: jax.Array) -> jax.Array:
         """(12,) joint targets relative to the default pose, rad."""
@@ -179,27 +180,27 @@ class LocoEnv:
         if self.config.action.diagonal:
             right, left = unit[:3], unit[3:]
             unit = jp.concatenate([right, left, left, right])
-        return unit * jp.tile(jp.array(self.config.action.scale), 4)
+        return unit * jp.tile(jp.array(self.config.action.scale), len(LEGS))
 
     def _inputs(
         self,
         before: World,
         after: World,
-        outcome: Outcome,
+        outcome: SubstepTrace,
         spheres: jax.Array,
         command: jax.Array,
         finite: jax.Array,
     ) -> reward.RewardInputs:
         start, end, origin = before.physics.qpos[:3], after.physics.qpos[:3], before.episode.start
-        _, x, y, _ = after.physics.qpos[3:7]
         forward = reward.forward_displacement(start, end, after.scene.goal, self.task.toward_goal)
         change = command - before.episode.last_action
         straight = jp.linalg.norm(end - origin) - jp.linalg.norm(start - origin)
         return reward.RewardInputs(
             displacement=end - start,
-            velocity=(end - start) / a1.CONTROL_DT,
+            velocity=(end - start) / self.dt,
             forward=forward,
-            speed=reward.forward_speed(forward, self.config.reward),
+            forward_velocity=forward / self.dt,
+            speed=reward.forward_speed(forward / self.dt, self.config.reward),
             distance=straight if self.task.toward_goal else (end - start)[0],
             torque_squared=outcome.torque_squared,
             spheres=spheres.astype(jp.float32),
@@ -208,8 +209,8 @@ class LocoEnv:
             dropped=outcome.dropped.astype(jp.float32),
             action=command,
             last_action=before.episode.last_action,
-            action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), 4)) ** 2),
-            up=1 - 2 * (x * x + y * y),
+            action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), len(LEGS))) ** 2),
+            up=rotations.upright(after.physics.qpos[3:7]),
             height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
             qpos=after.physics.qpos,
             qvel=after.physics.qvel,
@@ -217,10 +218,10 @@ class LocoEnv:
         )
 
     def _result(
-        self, state: State, world: World, outcome: Outcome, inputs: reward.RewardInputs, key: jax.Array
+        self, state: State, world: World, outcome: SubstepTrace, inputs: reward.RewardInputs, key: jax.Array
     ) -> State:
         terms = reward.rewards(inputs, self.config.reward)
-        now = obs_lib.sense(outcome, world.randomization.latency)
+        now = obs_lib.sense(outcome, world.randomization.latency, self.robot.physics_dt)
         now |= {"displacement": inputs.displacement, "last_action": inputs.action}
         episode = replace(
             world.episode,

@@ -7,14 +7,13 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jp
 
-from loco_mjx import a1
 from loco_mjx.config import RewardConfig
 from loco_mjx.env.reward import RewardInputs, weights
 
 METRICS: dict[str, Callable[[RewardInputs], jax.Array]] = {
     "distance": lambda step: step.distance,
     "progress": lambda step: step.forward,
-    "speed": lambda step: step.forward / a1.CONTROL_DT,
+    "speed": lambda step: step.forward_velocity,
     "collisions": lambda step: step.contact.astype(jp.float32) * step.passed,
     "contacts": lambda step: step.contact.astype(jp.float32),
     "contacts/dropped": lambda step: step.dropped,

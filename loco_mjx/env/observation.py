@@ -5,12 +5,13 @@ from __future__ import annotations
 import jax
 import jax.numpy as jp
 
-from loco_mjx import a1
+from loco_mjx import rotations
 from loco_mjx.config import ObservationConfig
-from loco_mjx.physics.step import Outcome
+from loco_mjx.physics.step import SubstepTrace
+from loco_mjx.robots import NJOINT, Robot
 
 # The sensors of one proprioceptive frame, in the order of the `state` vector, with their sizes per frame.
-SENSORS: dict[str, int] = {"displacement": 3, "imu": 4, "last_action": 12, "angles": 12}
+SENSORS: dict[str, int] = {"displacement": 3, "imu": 4, "last_action": NJOINT, "angles": NJOINT}
 
 
 def sensors(config: ObservationConfig) -> dict[str, int]:
@@ -18,35 +19,28 @@ def sensors(config: ObservationConfig) -> dict[str, int]:
     return {name: size for name, size in SENSORS.items() if name != "displacement" or config.displacement}
 
 
-def roll_pitch(quat: jax.Array) -> jax.Array:
-    """(2,) roll and pitch, rad, of a (4,) quaternion (w, x, y, z)."""
-    w, x, y, z = quat
-    roll = jp.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = jp.arcsin(jp.clip(2 * (w * y - z * x), -1.0, 1.0))
-    return jp.stack([roll, pitch])
-
-
-def delayed(trace: jax.Array, latency: jax.Array) -> jax.Array:
-    """The value of a (SUBSTEPS + 1, n) trace `latency` seconds before its end, between physics steps linearly."""
-    place = jp.clip(a1.SUBSTEPS - latency / a1.PHYSICS_DT, 0.0, a1.SUBSTEPS)
+def delayed(trace: jax.Array, latency: jax.Array, timestep: float) -> jax.Array:
+    """The value of a (substeps + 1, n) trace `latency` seconds before its end, between physics steps linearly."""
+    last = trace.shape[0] - 1
+    place = jp.clip(last - latency / timestep, 0.0, last)
     below = jp.floor(place).astype(jp.int32)
     part = place - below
-    return (1 - part) * trace[below] + part * trace[jp.minimum(below + 1, a1.SUBSTEPS)]
+    return (1 - part) * trace[below] + part * trace[jp.minimum(below + 1, last)]
 
 
-def sense(outcome: Outcome, latency: jax.Array) -> dict[str, jax.Array]:
+def sense(outcome: SubstepTrace, latency: jax.Array, timestep: float) -> dict[str, jax.Array]:
     """The IMU (4,) [roll, pitch, roll rate, pitch rate (body frame)] and the joint angles (12,), delayed."""
-    quat = delayed(outcome.quat, latency)
+    quat = delayed(outcome.quat, latency, timestep)
     quat = quat / jp.maximum(jp.linalg.norm(quat), 1e-6)
-    gyro = delayed(outcome.gyro, latency)
-    imu = jp.concatenate([roll_pitch(quat), gyro[:2]])
-    return {"imu": imu, "angles": delayed(outcome.angles, latency)}
+    gyro = delayed(outcome.gyro, latency, timestep)
+    imu = jp.concatenate([rotations.roll_pitch(quat, jp), gyro[:2]])
+    return {"imu": imu, "angles": delayed(outcome.angles, latency, timestep)}
 
 
-def first_history(config: ObservationConfig) -> dict[str, jax.Array]:
+def first_history(config: ObservationConfig, robot: Robot) -> dict[str, jax.Array]:
     """The history at a reset: `state_frames` copies of the standing robot's sensors, each (frames, size)."""
     now = {name: jp.zeros(size) for name, size in sensors(config).items()}
-    now["angles"] = jp.array(a1.DEFAULT_POSE)
+    now["angles"] = jp.array(robot.default_pose)
     return {name: jp.tile(value, (config.state_frames, 1)) for name, value in now.items()}
 
 
@@ -63,8 +57,7 @@ def state_vector(history: dict[str, jax.Array], goal: jax.Array | None) -> jax.A
 
 def goal_in_base(goal: jax.Array, qpos: jax.Array) -> jax.Array:
     """(3,) vector from the base to the goal, m, turned into the base's heading (yaw only)."""
-    w, x, y, z = qpos[3:7]
-    yaw = jp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    yaw = rotations.yaw(qpos[3:7], jp)
     dx, dy, dz = goal - qpos[:3]
     return jp.stack([jp.cos(yaw) * dx + jp.sin(yaw) * dy, -jp.sin(yaw) * dx + jp.cos(yaw) * dy, dz])
 

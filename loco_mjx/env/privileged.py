@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jp
 import numpy as np
 
-from loco_mjx import a1
+from loco_mjx import rotations
 from loco_mjx.scene import surface
 from loco_mjx.scene.types import COLLISION_MARGIN, STEP, Scene
 
@@ -22,11 +22,12 @@ SPHERES = 4  # the nearest of those still to be collected
 SIZE = SCAN_X.size * SCAN_Y.size + 2 * RAY_ANGLES.size + 3 * SPHERES + 13
 
 
-def observe(scene: Scene, qpos: jax.Array, qvel: jax.Array) -> jax.Array:
+def observe(scene: Scene, stand_height: float, qpos: jax.Array, qvel: jax.Array) -> jax.Array:
     """The privileged observation of one environment.
 
     Args:
         scene: its world.
+        stand_height: of the robot's base above the ground, m.
         qpos: (19,) base position, quaternion, joint angles.
         qvel: (18,) base velocity (world), angular velocity (body), joint speeds.
 
@@ -36,13 +37,12 @@ def observe(scene: Scene, qpos: jax.Array, qvel: jax.Array) -> jax.Array:
         (4 × 3: direction and closeness), heading (cos, sin), direction and distance of the goal (3), velocity of
         the base in the heading frame (3), its angular velocity (3), height above the ground (1), place across (1).
     """
-    w, x, y, z = qpos[3:7]
-    yaw = jp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    yaw = rotations.yaw(qpos[3:7], jp)
     cos, sin = jp.cos(yaw), jp.sin(yaw)
     closeness, closing = _rays(scene, qpos[:2], yaw)
     height = qpos[2] - surface.ground_height(scene, qpos[0], qpos[1])
     parts = [
-        4.0 * jp.clip(_scan(scene, qpos[:3], cos, sin) + a1.STAND_HEIGHT, -1.0, 1.0),
+        4.0 * jp.clip(_scan(scene, qpos[:3], cos, sin) + stand_height, -1.0, 1.0),
         closeness,
         closing,
         _spheres(scene, qpos[:2], cos, sin),
@@ -50,7 +50,7 @@ def observe(scene: Scene, qpos: jax.Array, qvel: jax.Array) -> jax.Array:
         _goal(scene.goal, qpos[:3], cos, sin),
         jp.stack([cos * qvel[0] + sin * qvel[1], cos * qvel[1] - sin * qvel[0], qvel[2]]),
         0.3 * qvel[3:6],
-        jp.stack([4.0 * (height - a1.STAND_HEIGHT), jp.clip(qpos[1], -4.0, 4.0)]),
+        jp.stack([4.0 * (height - stand_height), jp.clip(qpos[1], -4.0, 4.0)]),
     ]
     return jp.clip(jp.concatenate(parts), -5.0, 5.0)
 

@@ -8,6 +8,7 @@ from flax import struct
 
 from loco_mjx.config import EnvConfig
 from loco_mjx.physics.step import Dynamics, nominal_dynamics
+from loco_mjx.robots import NJOINT
 
 
 @struct.dataclass
@@ -41,7 +42,7 @@ def draw(key: jax.Array, config: EnvConfig) -> Randomization:
     dynamics = Dynamics(
         kp=_uniform(kp, ranges.kp),  # kp ~ U(40, 90)
         kd=_uniform(kd, ranges.kd),  # kd ~ U(0.4, 0.8)
-        strength=_uniform(strength, ranges.motor_strength, (12,)),  # per motor ~ U(0.8, 1.2)
+        strength=_uniform(strength, ranges.motor_strength, (NJOINT,)),  # per motor ~ U(0.8, 1.2)
         motor_friction=_uniform(motor_friction, ranges.motor_friction),  # ~ U(0, 0.05)
         friction=_uniform(friction, ranges.friction),  # ~ U(0.5, 1.25)
         mass=_uniform(mass, ranges.mass),  # factor ~ U(0.8, 1.2)

@@ -14,7 +14,6 @@ import jax
 import jax.numpy as jp
 from flax import struct
 
-from loco_mjx import a1
 from loco_mjx.config import RewardConfig, TerminationConfig
 from loco_mjx.config.reward_terms import REWARDS, Term
 from loco_mjx.errors import UserError
@@ -29,7 +28,8 @@ class RewardInputs:
         displacement: (3,) of the base, world frame, m.
         velocity: (3,) the same per second, m/s.
         forward: (), displacement along the task's forward direction, m.
-        speed: (), forward speed, at most `reward.target_speed`, m/s.
+        forward_velocity: (), the same per second, m/s.
+        speed: (), this, at most `reward.target_speed`, m/s.
         distance: (), m by which the episode's `distance` has grown.
         torque_squared: (), ‖τ‖² averaged over the physics steps, (N·m)².
         spheres: (), spheres collected.
@@ -49,6 +49,7 @@ class RewardInputs:
     displacement: jax.Array
     velocity: jax.Array
     forward: jax.Array
+    forward_velocity: jax.Array
     speed: jax.Array
     distance: jax.Array
     torque_squared: jax.Array
@@ -181,10 +182,9 @@ def forward_displacement(before: jax.Array, after: jax.Array, goal: jax.Array, t
     return after[0] - before[0]
 
 
-def forward_speed(forward: jax.Array, config: RewardConfig) -> jax.Array:
-    """What counts of the speed, m/s, of a step that gained `forward` metres."""
-    speed = forward / a1.CONTROL_DT
-    return speed if config.target_speed is None else jp.minimum(speed, config.target_speed)
+def forward_speed(velocity: jax.Array, config: RewardConfig) -> jax.Array:
+    """What counts of a forward velocity, m/s."""
+    return velocity if config.target_speed is None else jp.minimum(velocity, config.target_speed)
 
 
 def terminated(step: RewardInputs, config: TerminationConfig) -> jax.Array:

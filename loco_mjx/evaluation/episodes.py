@@ -14,19 +14,18 @@ from flax import struct
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from loco_mjx import a1
 from loco_mjx.config import EnvConfig
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.display import PER_METRE
-from loco_mjx.mesh import AXIS, spread
 from loco_mjx.networks.policies import Networks
 from loco_mjx.ppo.actor import Actor, Held
+from loco_mjx.sharding import AXIS, spread
 
 CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
 ACCELERATOR_CHUNK = 1024
 EARLY_SECONDS = 16.0  # what 1,000 steps of the authors' code last; the paper prints 25 Hz, its code runs at 62.5 Hz
-EARLY_STEPS = round(EARLY_SECONDS / a1.CONTROL_DT)
+EARLY_STEPS = round(EARLY_SECONDS * 25)  # control steps of the robots that come with the package
 EARLY = {"distance": "distance_16s", "collisions": "collisions_16s"}  # metrics that are also summed over that time
 WALKED = 1.0  # m, mean distance below which collisions per metre say nothing
 Figures = dict[str, np.ndarray]

@@ -13,11 +13,11 @@ from loco_mjx.errors import UserError
 from loco_mjx.evaluation.display import UNITS as UNITS  # others name units alike
 from loco_mjx.evaluation.display import caption, order
 from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, summarize
-from loco_mjx.mesh import make_mesh
 from loco_mjx.run import provenance
 from loco_mjx.run.directory import write_json
 from loco_mjx.run.policy import TrainedPolicy, load_policy
 from loco_mjx.scene.tasks import get_task
+from loco_mjx.sharding import make_mesh
 
 EVALUATION = "evaluation"
 

@@ -1,9 +1,8 @@
-"""The A1 as an MJX model, and what the contact slots need to know of it."""
+"""A robot as an MJX model, and what the contact slots need to know of it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,43 +10,30 @@ import numpy as np
 from loco_mjx import ranges
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.errors import UserError
-from loco_mjx.physics.kinematics import SPHERES
+from loco_mjx.physics.compiled import compiled
 from loco_mjx.physics.mjx import mjx
-
-
-def a1_xml_path() -> Path:
-    """Where `a1.xml` is: package data of an installed wheel, or `mjcf/` of a checkout.
-
-    Raises:
-        UserError: if it is in neither place.
-    """
-    package = Path(__file__).resolve().parents[1]
-    places = (package / "assets" / "a1.xml", package.parent / "mjcf" / "a1.xml")
-    for path in places:
-        if path.is_file():
-            return path
-    raise UserError(f"a1.xml is missing from this installation; looked for {places[0]} and {places[1]}")
+from loco_mjx.robots import Robot
 
 
 @dataclass(frozen=True)
-class Softness:
+class SolverParameters:
     """MuJoCo's solref and solimp of a constraint, as the numbers its formulas use.
 
     Attributes:
-        stiffness: k, 1/s².
-        damping: b, 1/s.
-        lowest: impedance at no violation.
-        highest: impedance from `width` on.
+        k: stiffness, 1/s².
+        b: damping, 1/s.
+        dmin: impedance at no violation.
+        dmax: impedance from `width` on.
         width: m or rad.
-        middle: where the sigmoid bends, as a fraction of the width.
+        midpoint: where the impedance's sigmoid bends, as a fraction of the width.
     """
 
-    stiffness: float
-    damping: float
-    lowest: float
-    highest: float
+    k: float
+    b: float
+    dmin: float
+    dmax: float
     width: float
-    middle: float
+    midpoint: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,64 +41,67 @@ class PhysicsModel:
     """The robot and what is static about its constraints.
 
     Attributes:
+        robot: whose it is.
         mjx: the robot's MJX model, without geoms: contacts come from the slots.
         data: MJX data whose fields a step overwrites.
-        sphere_invweight: (22,) translational inverse weight of each sphere's body, 1/kg.
+        sphere_invweight: (S,) translational inverse weight of each sphere's body, 1/kg.
         joint_invweight: (12,) inverse weight of each joint, 1/(kg m²).
-        softness: of contacts.
-        limit_softness: of joint limits.
+        contact_parameters: of contacts.
+        limit_parameters: of joint limits.
         config: the solver's settings.
         obstacle_slots: per foot, how many boxes and cylinders it can touch at once, beside the ground.
     """
 
+    robot: Robot
     mjx: mjx.Model
     data: mjx.Data
     sphere_invweight: np.ndarray
     joint_invweight: np.ndarray
-    softness: Softness
-    limit_softness: Softness
+    contact_parameters: SolverParameters
+    limit_parameters: SolverParameters
     config: PhysicsConfig
     obstacle_slots: int
 
 
-def _softness(solref: np.ndarray, solimp: np.ndarray, timestep: float) -> Softness:
-    """From one constraint's parameters; MuJoCo's formulas for solref in (time constant, damping ratio) form."""
-    lowest, highest, width, middle, power = (float(x) for x in solimp)
-    assert power == 2.0 and (solref > 0).all(), "loco_mjx/physics/contact.py has the sigmoid of power 2 only"
-    time, ratio = max(float(solref[0]), 2 * timestep), float(solref[1])
-    stiffness, damping = 1 / (highest * time * ratio) ** 2, 2 / (highest * time)
-    return Softness(stiffness, damping, lowest, highest, width, middle)
+def _solver_parameters(solref: np.ndarray, solimp: np.ndarray, timestep: float) -> SolverParameters:
+    """From one constraint's solref, in the form (time constant, damping ratio), and its solimp."""
+    dmin, dmax, width, midpoint, power = (float(x) for x in solimp)
+    assert power == 2.0 and (solref > 0).all(), "loco_mjx/physics/compiled.py refuses others"
+    timeconst, dampratio = max(float(solref[0]), 2 * timestep), float(solref[1])
+    k = 1 / (dmax * timeconst * dampratio) ** 2  # k = 1 / (dmax · timeconst · dampratio)²
+    b = 2 / (dmax * timeconst)  # b = 2 / (dmax · timeconst)
+    return SolverParameters(k, b, dmin, dmax, width, midpoint)
 
 
-def build(config: PhysicsConfig, obstacle_slots: int = 2) -> PhysicsModel:
+def build(robot: Robot, config: PhysicsConfig, obstacle_slots: int = 2) -> PhysicsModel:
     """Builds the physics.
 
     Args:
+        robot: whose.
         config: solver settings, and how many boxes and cylinders are near.
         obstacle_slots: per foot, how many boxes and cylinders it can touch at once, beside the ground.
 
     Raises:
-        UserError: on sizes that make no sense.
+        UserError: on sizes that make no sense, or an MJCF that MuJoCo reads otherwise than `robot` says.
     """
     ranges.check(config, "physics")
     if obstacle_slots < 1:
         raise UserError(f"obstacle_slots is {obstacle_slots}; accepted: 1 or more")
-    spec = mujoco.MjSpec.from_file(str(a1_xml_path()))
-    full = spec.compile()
-    spheres = [full.geom(name).id for name in SPHERES]
-    assert len({(*full.geom_solref[g], *full.geom_solimp[g]) for g in spheres}) == 1, "one softness for all spheres"
-    for item in (*spec.geoms, *spec.sites, *spec.cameras):
+    spec, full = compiled(robot)
+    spheres = [full.geom(name).id for name in robot.spheres]
+    for item in (*spec.sensors, *spec.geoms, *spec.sites, *spec.cameras, *spec.lights):
         spec.delete(item)
     bare = spec.compile()
     bare.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     step = full.opt.timestep
     return PhysicsModel(
+        robot=robot,
         mjx=mjx.put_model(bare, impl="jax"),
         data=mjx.make_data(bare, impl="jax"),
         sphere_invweight=full.body_invweight0[full.geom_bodyid[spheres], 0].astype(np.float32),
         joint_invweight=full.dof_invweight0[6:].astype(np.float32),
-        softness=_softness(full.geom_solref[spheres[0]], full.geom_solimp[spheres[0]], step),
-        limit_softness=_softness(full.jnt_solref[1], full.jnt_solimp[1], step),
+        contact_parameters=_solver_parameters(full.geom_solref[spheres[0]], full.geom_solimp[spheres[0]], step),
+        limit_parameters=_solver_parameters(full.jnt_solref[1], full.jnt_solimp[1], step),
         config=config,
         obstacle_slots=obstacle_slots,
     )

@@ -1,4 +1,4 @@
-"""MuJoCo's constraint problem for the A1, solved by Newton's method on the robot's own sparsity.
+"""MuJoCo's constraint problem for a quadruped, solved by Newton's method on the robot's own sparsity.
 
 The accelerations a minimise ½ (a − a₀)ᵀ M (a − a₀) + Σ ½ D min(0, J a − r)², MuJoCo's primal problem with a pyramidal
 cone (its documentation, "Computation"), whose rows are in rows.py.
@@ -14,13 +14,23 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jp
 
-from loco_mjx.physics import arrow
-from loco_mjx.physics.arrow import Arrow, Motion
-from loco_mjx.physics.rows import Constraints, Push, Values, flat, flat_weights, hessian, product, push, transposed
-from loco_mjx.physics.stage import Stage, total
+from loco_mjx.physics import block_matrix
+from loco_mjx.physics.block_matrix import BlockMatrix, DofVector
+from loco_mjx.physics.efc import (
+    Constraints,
+    ConstraintUpdate,
+    Values,
+    constraint_update,
+    flat,
+    flat_D,
+    hessian,
+    mul_J,
+    mul_JT,
+)
+from loco_mjx.physics.xla import FusionBarrier, total
 
 PARTS = 8  # of the environments that have not converged, one in so many is solved further at a time
-TOLERANCE = 0.02  # N and N·m, what may be amiss
+TOLERANCE = 0.02  # N and N·m, forces that may be wrong
 
 
 def line_search(
@@ -29,27 +39,27 @@ def line_search(
     """How far to go along a direction: Newton's method on the derivative of the cost, kept within its bracket.
 
     Args:
-        rows: of the constraints, J a − r at the start, its change per unit step, and D, each (rows, N).
-        linear: (N,) derivative of the inertial cost at the start.
+        rows: of the constraints, jar at the start, jv and D, each (rows, N).
+        linear: (N,) derivative of the Gauss cost ½ (qacc − qacc_smooth)ᵀ M (qacc − qacc_smooth) at the start.
         quadratic: (N,) its second derivative.
         iterations: steps of Newton's method after the first, full one.
 
     Returns:
-        (N,) step.
+        (N,) alpha.
     """
-    value, change, weight = rows
-    pull, square = weight * change * value, weight * change * change
+    jar, jv, D = rows
+    first_of_row, second_of_row = D * jv * jar, D * jv * jv
 
     def iterate(_: int, bracket: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
-        low, high, step = bracket
-        active = value + step * change < 0.0
-        first = linear + step * quadratic + total(jp.where(active, pull + step * square, 0.0))
-        second = quadratic + total(jp.where(active, square, 0.0))
-        low, high = jp.where(first < 0.0, step, low), jp.where(first > 0.0, step, high)
-        moved = step - first / jp.maximum(second, 1e-30)
+        low, high, alpha = bracket
+        active = jar + alpha * jv < 0.0
+        first = linear + alpha * quadratic + total(jp.where(active, first_of_row + alpha * second_of_row, 0.0))
+        second = quadratic + total(jp.where(active, second_of_row, 0.0))
+        low, high = jp.where(first < 0.0, alpha, low), jp.where(first > 0.0, alpha, high)
+        moved = alpha - first / jp.maximum(second, 1e-30)
         outside = (moved <= low) | (moved >= high)
         middle = jp.where(jp.isinf(high), 2.0 * low, 0.5 * (low + high))
-        return low, high, jp.where(first == 0.0, step, jp.where(outside, middle, moved))
+        return low, high, jp.where(first == 0.0, alpha, jp.where(outside, middle, moved))
 
     zero = 0.0 * linear
     return jax.lax.fori_loop(0, iterations, iterate, (zero, zero + jp.inf, zero + 1.0))[2]
@@ -58,91 +68,97 @@ def line_search(
 class Problem(NamedTuple):
     """What is solved: the mass matrix, all generalised forces but the constraints', and the constraints."""
 
-    inertia: Arrow
-    force: Motion
+    qM: BlockMatrix
+    qfrc_smooth: DofVector
     constraints: Constraints
 
 
-def _newton(stage: Stage, problem: Problem, point: Motion, ls_iterations: int) -> tuple[Motion, jax.Array]:
-    """One iteration of Newton's method: the next point, and what is amiss there (N,), N.
+def _newton(
+    barrier: FusionBarrier, problem: Problem, qacc: DofVector, ls_iterations: int
+) -> tuple[DofVector, jax.Array]:
+    """One iteration of Newton's method: the next qacc, and the forces that are wrong there (N,), N.
 
-    The method goes where the cost would be least if every row pushed, or did not, all the way as it does at the start.
-    Then only the rows that have changed sides push otherwise than was reckoned with. Their forces are what is amiss.
+    A full step goes to the minimum for the rows that are active at its start. Then only the rows that have become
+    active, or no longer are, have forces that the step did not reckon with: these are what is wrong.
     """
-    inertia, force, constraints = problem
-    reference = Values(constraints.leg_reference, constraints.trunk_reference, constraints.limit_reference)
+    qM, qfrc_smooth, constraints = problem
+    aref = Values(constraints.leg_aref, constraints.trunk_aref, constraints.limit_aref)
 
-    def look(point: Motion) -> tuple[Values, Motion, Push]:
-        residual = jax.tree.map(jp.subtract, product(constraints, point), reference)
-        momentum = jax.tree.map(jp.subtract, arrow.multiply(inertia, point), force)
-        return residual, momentum, push(constraints, residual)
+    def evaluate(qacc: DofVector) -> tuple[Values, DofVector, ConstraintUpdate]:
+        jar = jax.tree.map(jp.subtract, mul_J(constraints, qacc), aref)
+        gauss = jax.tree.map(jp.subtract, block_matrix.multiply(qM, qacc), qfrc_smooth)  # M qacc − qfrc_smooth
+        return jar, gauss, constraint_update(constraints, jar)
 
-    def along(search: Motion) -> tuple[jax.Array, jax.Array, tuple[jax.Array, jax.Array, jax.Array]]:
-        linear, quadratic = arrow.inner(search, momentum), arrow.inner(search, arrow.multiply(inertia, search))
-        slope = product(constraints, search)
-        return linear, quadratic, (flat(constraints, residual), flat(constraints, slope), flat_weights(constraints))
+    def along(search: DofVector) -> tuple[jax.Array, jax.Array, tuple[jax.Array, jax.Array, jax.Array]]:
+        linear = block_matrix.inner(search, gauss)
+        quadratic = block_matrix.inner(search, block_matrix.multiply(qM, search))
+        jv = mul_J(constraints, search)
+        return linear, quadratic, (flat(constraints, jar), flat(constraints, jv), flat_D(constraints))
 
-    residual, momentum, pushed = stage(look, point)
-    gradient = stage(lambda: jax.tree.map(jp.add, momentum, transposed(constraints, pushed.force)))
-    curvature = hessian(stage, inertia, constraints, pushed)
-    search = jax.tree.map(jp.negative, arrow.solve(curvature, gradient))
-    linear, quadratic, rows = stage(along, search)
-    step = line_search(rows, linear, quadratic, ls_iterations)
-    value, change, weight = rows
-    after = value + step * change
-    changed = total(jp.where((value < 0.0) != (after < 0.0), weight * jp.abs(after), 0.0))
-    left = jp.abs(1.0 - step) * (total(jp.abs(gradient.base)) + total(total(jp.abs(gradient.joints))))
-    amiss = changed + left
-    return jax.tree.map(lambda a, b: a + step * b, point, search), amiss
+    jar, gauss, update = barrier(evaluate, qacc)
+    grad = barrier(lambda: jax.tree.map(jp.add, gauss, mul_JT(constraints, update.force)))
+    search = jax.tree.map(jp.negative, block_matrix.solve(hessian(barrier, qM, constraints, update), grad))
+    linear, quadratic, rows = barrier(along, search)
+    alpha = line_search(rows, linear, quadratic, ls_iterations)
+    before, jv_rows, D = rows
+    after = before + alpha * jv_rows
+    changed = total(jp.where((before < 0.0) != (after < 0.0), D * jp.abs(after), 0.0))
+    left = jp.abs(1.0 - alpha) * (total(jp.abs(grad.base)) + total(total(jp.abs(grad.joints))))
+    return jax.tree.map(lambda a, b: a + alpha * b, qacc, search), changed + left
 
 
 def _repeat(
-    stage: Stage, problem: Problem, start: Motion, iterations: int, ls_iterations: int
-) -> tuple[Motion, jax.Array]:
-    """Some iterations: the point, and what is amiss there (N,)."""
+    barrier: FusionBarrier, problem: Problem, start: DofVector, iterations: int, ls_iterations: int
+) -> tuple[DofVector, jax.Array]:
+    """Some iterations: qacc, and the forces that are wrong there (N,), N."""
     if iterations == 1:
-        return _newton(stage, problem, start, ls_iterations)
-    again = lambda _, at: _newton(stage, problem, at[0], ls_iterations)  # noqa: E731
+        return _newton(barrier, problem, start, ls_iterations)
+    again = lambda _, at: _newton(barrier, problem, at[0], ls_iterations)  # noqa: E731
     return jax.lax.fori_loop(0, iterations, again, (start, 0.0 * problem.constraints.friction))
 
 
 def _finish(
-    stage: Stage, problem: Problem, point: Motion, amiss: jax.Array, iterations: int, ls_iterations: int
-) -> Motion:
-    """More iterations for those environments where something is amiss, an eighth of all at a time.
+    barrier: FusionBarrier, problem: Problem, qacc: DofVector, wrong: jax.Array, iterations: int, ls_iterations: int
+) -> DofVector:
+    """More iterations for those environments that have not converged, an eighth of all at a time.
 
     Few of them need it at the same time, chiefly those whose feet begin to slide, so it costs little. Whether one gets
     it is its own affair: no environment's result depends on its neighbours.
     """
-    part = max(1, amiss.shape[0] // PARTS)
+    part = max(1, wrong.shape[0] // PARTS)
 
-    def some(carry: tuple[Motion, jax.Array]) -> tuple[Motion, jax.Array]:
-        point, amiss = carry
-        worst, index = jax.lax.top_k(amiss, part)
-        picked, start = jax.tree.map(lambda x: x[..., index], (problem, point))
-        better = _repeat(stage, picked, start, iterations, ls_iterations)[0]
+    def some(carry: tuple[DofVector, jax.Array]) -> tuple[DofVector, jax.Array]:
+        qacc, wrong = carry
+        worst, index = jax.lax.top_k(wrong, part)
+        picked, start = jax.tree.map(lambda x: x[..., index], (problem, qacc))
+        better = _repeat(barrier, picked, start, iterations, ls_iterations)[0]
         new = jax.tree.map(lambda a, b: jp.where(worst > 0.0, a, b), better, start)
-        point = jax.tree.map(lambda x, y: x.at[..., index].set(y), point, new)
-        return point, amiss.at[index].set(0.0)
+        qacc = jax.tree.map(lambda x, y: x.at[..., index].set(y), qacc, new)
+        return qacc, wrong.at[index].set(0.0)
 
-    amiss = jp.where(amiss > TOLERANCE, amiss, 0.0)  # nothing helps one that is not finite
-    return jax.lax.while_loop(lambda carry: jp.any(carry[1] > 0.0), some, (point, amiss))[0]
+    wrong = jp.where(wrong > TOLERANCE, wrong, 0.0)  # nothing helps one that is not finite
+    return jax.lax.while_loop(lambda carry: jp.any(carry[1] > 0.0), some, (qacc, wrong))[0]
 
 
 def solve(
-    stage: Stage, problem: Problem, start: Motion, iterations: int, ls_iterations: int, more_iterations: int = 0
-) -> Motion:
-    """Accelerations under the constraints.
+    barrier: FusionBarrier,
+    problem: Problem,
+    start: DofVector,
+    iterations: int,
+    ls_iterations: int,
+    more_iterations: int = 0,
+) -> DofVector:
+    """Qacc under the constraints.
 
     Args:
-        stage: how to compute intermediate results once.
+        barrier: keeps XLA from computing intermediate results again.
         problem: what is solved.
-        start: where to start, such as the last step's accelerations.
+        start: qacc to start from, such as the last step's: MuJoCo's warmstart.
         iterations: Newton iterations of all environments.
         ls_iterations: iterations of each line search.
         more_iterations: further Newton iterations of those environments that have not converged.
     """
-    point, amiss = _repeat(stage, problem, start, iterations, ls_iterations)
+    qacc, wrong = _repeat(barrier, problem, start, iterations, ls_iterations)
     if not more_iterations:
-        return point
-    return _finish(stage, problem, point, amiss, more_iterations, ls_iterations)
+        return qacc
+    return _finish(barrier, problem, qacc, wrong, more_iterations, ls_iterations)

@@ -1,6 +1,6 @@
-"""One control step: 16 physics steps of the A1 against a scene.
+"""One control step: the physics steps of a robot against a scene.
 
-Rigid-body dynamics are MJX's; contacts are the tangent planes of slots.py; the constraint solver is solver.py.
+Rigid-body dynamics are MJX's; contacts are the tangent planes of collision.py; the constraint solver is solver.py.
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ import jax.numpy as jp
 import numpy as np
 from flax import struct
 
-from loco_mjx import a1
-from loco_mjx.physics import arrow, contact, kinematics, slots, solver
+from loco_mjx.physics import block_matrix, collision, constraint, kinematics, solver
 from loco_mjx.physics.mjx import mjx
 from loco_mjx.physics.model import PhysicsModel
-from loco_mjx.physics.stage import Stage, add_up, total
+from loco_mjx.physics.xla import FusionBarrier, add_up, total
+from loco_mjx.robots import NJOINT, NV
+from loco_mjx.robots.motor import motor_torque
 from loco_mjx.scene.types import Scene
 
 
@@ -59,16 +60,16 @@ class Dynamics:
 
 
 @struct.dataclass
-class Outcome:
-    """What happened in a control step; index 0 of the 17 is before it, 16 after it.
+class SubstepTrace:
+    """What happened in a control step of n physics steps; index 0 of a trace is before it, n after it.
 
     Attributes:
         torque_squared: mean over the physics steps of the sum of the motors' squared torques, (N·m)².
         obstacle_contact: bool, whether any sphere touched an obstacle or a wall in any physics step.
         dropped: int32, boxes and cylinders within reach of the robot that it could not feel: it feels only so many.
-        angles: (17, 12) joint angles, rad.
-        quat: (17, 4) base orientation.
-        gyro: (17, 3) angular velocity in the trunk's frame, rad/s.
+        angles: (n + 1, 12) joint angles, rad.
+        quat: (n + 1, 4) base orientation.
+        gyro: (n + 1, 3) angular velocity in the trunk's frame, rad/s.
     """
 
     torque_squared: jax.Array
@@ -82,16 +83,16 @@ class Outcome:
 def initial_state(qpos: jax.Array) -> PhysicsState:
     """At rest in a pose (19,)."""
     qpos = jp.asarray(qpos, jp.float32)
-    return PhysicsState(qpos, jp.zeros(18, jp.float32), jp.zeros(18, jp.float32))
+    return PhysicsState(qpos, jp.zeros(NV, jp.float32), jp.zeros(NV, jp.float32))
 
 
-def nominal_dynamics(kp: float = a1.KP, kd: float = a1.KD, friction: float = 1.0) -> Dynamics:
-    """The robot as it is, without randomisation."""
+def nominal_dynamics(kp: float, kd: float, friction: float = 1.0) -> Dynamics:
+    """A robot as it is, without randomisation, under gains kp (N·m/rad) and kd (N·m·s/rad)."""
     one = jp.ones((), jp.float32)
-    return Dynamics(kp * one, kd * one, jp.ones(12, jp.float32), 0.0 * one, friction * one, one, one)
+    return Dynamics(kp * one, kd * one, jp.ones(NJOINT, jp.float32), 0.0 * one, friction * one, one, one)
 
 
-def _inertia_and_bias(
+def _qM_and_qfrc_bias(
     model: PhysicsModel, qpos: jax.Array, qvel: jax.Array, mass: jax.Array, inertia: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Mass matrix (18, 18), and Coriolis, centrifugal and gravity forces (18,), of one environment, by MJX."""
@@ -104,9 +105,9 @@ def _inertia_and_bias(
     return mjx.full_m(m, d), d.qfrc_bias
 
 
-def _integrate(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
+def _integrate(qpos: jax.Array, qvel: jax.Array, timestep: float) -> jax.Array:
     """Position after one physics step at a velocity; (19, N), (18, N)."""
-    dt = np.float32(a1.PHYSICS_DT)
+    dt = np.float32(timestep)
     half = qvel[3:6] * (dt * np.float32(0.5))
     angle = jp.sqrt(jp.sum(half * half, axis=0))
     # sin(angle) / angle; below 1e-4 rad that is 1 to float32
@@ -125,66 +126,69 @@ def _integrate(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
 
 def _physics_step(
     model: PhysicsModel,
-    stage: Stage,
-    near: slots.Near,
+    barrier: FusionBarrier,
+    candidates: collision.Candidates,
     targets: jax.Array,
     dynamics: Dynamics,
     state: PhysicsState,
 ) -> tuple[PhysicsState, jax.Array, jax.Array]:
     """The next state, the squared torque and whether an obstacle is touched. Environments last in every array."""
-    qpos, qvel = state.qpos, state.qvel
-    torque = a1.motor_torque(
-        targets, qpos[7:], qvel[6:], dynamics.kp, dynamics.kd, dynamics.strength, dynamics.motor_friction
+    robot, qpos, qvel = model.robot, state.qpos, state.qvel
+    limit, gains = kinematics.column(robot.torque_limit, qpos), (dynamics.kp, dynamics.kd)
+    torque = motor_torque(targets, qpos[7:], qvel[6:], *gains, limit, dynamics.strength, dynamics.motor_friction)
+    dynamics_of = jax.vmap(lambda *args: _qM_and_qfrc_bias(model, *args), in_axes=-1, out_axes=-1)
+    qM, qfrc_bias = barrier(dynamics_of, qpos, qvel, dynamics.mass, dynamics.inertia)
+    pose = barrier(lambda qpos: kinematics.pose(robot, qpos), qpos)
+    centers = barrier(lambda pose: kinematics.centers(robot, pose), pose)
+    contacts = collision.narrowphase(barrier, candidates, robot, centers, model.obstacle_slots)
+    constraints = barrier(
+        lambda: constraint.constraints(model, pose, qpos, qvel, contacts, dynamics.friction, dynamics.mass)
     )
-    smooth = jax.vmap(lambda *args: _inertia_and_bias(model, *args), in_axes=-1, out_axes=-1)
-    inertia, bias = stage(smooth, qpos, qvel, dynamics.mass, dynamics.inertia)
-    robot = stage(kinematics.pose, qpos)
-    touched = slots.touch(stage, near, stage(kinematics.centers, robot), model.obstacle_slots)
-    constraints = stage(
-        lambda: contact.constraints(model, robot, qpos, qvel, touched, dynamics.friction, dynamics.mass)
-    )
-    force = jp.concatenate([-bias[:6], torque - bias[6:]])
-    acceleration = arrow.join(
+    # qfrc_smooth = qfrc_actuator + qfrc_passive − qfrc_bias
+    of_joints = torque - kinematics.column(robot.damping, qpos) * qvel[6:] if any(robot.damping) else torque
+    qfrc_smooth = jp.concatenate([-qfrc_bias[:6], of_joints - qfrc_bias[6:]])
+    qacc = block_matrix.join(
         solver.solve(
-            stage,
-            solver.Problem(stage(arrow.from_dense, inertia), arrow.split(force), constraints),
-            arrow.split(state.warmstart),
+            barrier,
+            solver.Problem(barrier(block_matrix.from_dense, qM), block_matrix.split(qfrc_smooth), constraints),
+            block_matrix.split(state.warmstart),
             model.config.iterations,
             model.config.ls_iterations,
             model.config.more_iterations,
         )
     )
-    qvel = qvel + np.float32(a1.PHYSICS_DT) * acceleration
-    new = PhysicsState(_integrate(qpos, qvel), qvel, acceleration)
-    return new, total(torque * torque), touched.hit
+    qvel = qvel + np.float32(robot.physics_dt) * qacc
+    new = PhysicsState(_integrate(qpos, qvel, robot.physics_dt), qvel, qacc)
+    return new, total(torque * torque), contacts.hit
 
 
 def _control_steps(
     model: PhysicsModel, state: PhysicsState, scene: Scene, targets: jax.Array, dynamics: Dynamics
-) -> tuple[PhysicsState, Outcome]:
+) -> tuple[PhysicsState, SubstepTrace]:
     """:func:`control_step` of N environments, on the first axis of every argument."""
     terrain, flat = scene.terrain, scene.replace(terrain=None)  # type: ignore[attr-defined]
-    near = jax.vmap(lambda scene, qpos: slots.near(scene, qpos, model.config))(flat, state.qpos)
+    pick = jax.vmap(lambda scene, qpos: collision.broadphase(scene, model.robot, qpos, model.config))
+    candidates = pick(flat, state.qpos)
     last = lambda tree: jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), tree)  # noqa: E731
     # A heightfield is too large to be turned around in every step.
-    near = last(near).replace(terrain=terrain)
+    candidates = last(candidates).replace(terrain=terrain)
     state, targets, dynamics = last((state, targets, dynamics))
 
     def body(state: PhysicsState, i: jax.Array) -> tuple[PhysicsState, tuple[jax.Array, ...]]:
-        new, squared, hit = _physics_step(model, Stage(i >= 0), near, targets, dynamics, state)
+        new, squared, hit = _physics_step(model, FusionBarrier(i >= 0), candidates, targets, dynamics, state)
         return new, (squared, hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
 
-    new, (squared, hit, *after) = jax.lax.scan(body, state, jp.arange(a1.SUBSTEPS))
+    new, (squared, hit, *after) = jax.lax.scan(body, state, jp.arange(model.robot.substeps))
     before = (state.qpos[7:], state.qpos[3:7], state.qvel[3:6])
     trace = [jp.concatenate([b[None], a]) for b, a in zip(before, after, strict=True)]
-    out = (new, Outcome(jp.mean(squared, axis=0), jp.any(hit, axis=0), near.dropped, *trace))
+    out = (new, SubstepTrace(jp.mean(squared, axis=0), jp.any(hit, axis=0), candidates.dropped, *trace))
     return jax.tree.map(lambda x: jp.moveaxis(x, -1, 0), out)
 
 
 def control_step(
     model: PhysicsModel, state: PhysicsState, scene: Scene, targets: jax.Array, dynamics: Dynamics
-) -> tuple[PhysicsState, Outcome]:
-    """Runs the motors toward targets for one control step (0.04 s, 16 physics steps).
+) -> tuple[PhysicsState, SubstepTrace]:
+    """Runs the motors toward targets for one control step (the A1: 0.04 s, 16 physics steps).
 
     Written for one environment; `jax.vmap` of it computes with the environments on the last axis, and a vmap of that
     (seeds × environments) with all of them together there.

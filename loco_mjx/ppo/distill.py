@@ -21,7 +21,6 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx.config import Config
 from loco_mjx.env import autoreset
-from loco_mjx.mesh import AXIS
 from loco_mjx.networks.policies import PRIVILEGED, STATE, Params, make_networks
 from loco_mjx.ppo import loss as loss_lib
 from loco_mjx.ppo import normalizer as normalizer_lib
@@ -29,6 +28,7 @@ from loco_mjx.ppo import update as update_lib
 from loco_mjx.ppo.normalizer import Normalizer
 from loco_mjx.ppo.rollout import Metrics
 from loco_mjx.ppo.trainer import Trainer, TrainState
+from loco_mjx.sharding import AXIS
 
 TEACHER = "privileged"  # the policy that teaches
 

@@ -11,9 +11,9 @@ import jax.numpy as jp
 from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from loco_mjx.mesh import AXIS
 from loco_mjx.ppo.rollout import Metrics
 from loco_mjx.ppo.trainer import Trainer, TrainState
+from loco_mjx.sharding import AXIS
 
 
 class SeedsTrainer:

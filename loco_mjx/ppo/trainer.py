@@ -19,7 +19,6 @@ from loco_mjx.config import Config
 from loco_mjx.env import autoreset
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
-from loco_mjx.mesh import AXIS, make_mesh, spread
 from loco_mjx.networks.policies import DEPTH, PRIVILEGED, Params, make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo import rollout as collect_lib
@@ -27,6 +26,7 @@ from loco_mjx.ppo import update as update_lib
 from loco_mjx.ppo.loss import psum
 from loco_mjx.ppo.normalizer import Normalizer
 from loco_mjx.ppo.rollout import Metrics, Rollout
+from loco_mjx.sharding import AXIS, make_mesh, spread
 
 CPU_CHUNK = 32  # samples at once on a CPU device: activations stay in the cache
 # What a key is for; folded into the seed's key.

@@ -11,11 +11,12 @@ from loco_mjx.config.reward_terms import REWARDS
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import POLICIES
 from loco_mjx.registry import INTERACTIVE, Registry
+from loco_mjx.robots import ROBOTS, is_path
 from loco_mjx.scene.tasks import TASKS
 
 
 def with_imports(config: Config) -> Config:
-    """The configuration with the modules that its task, its policy and its reward's terms were registered by."""
+    """The configuration with the modules that brought its task, its robot, its policy and its reward's terms."""
     origins = [registry.origin(name) for registry, name in _names(config)]
     own = [word for word in dict.fromkeys(origins) if word is not None and word != INTERACTIVE]
     return dataclasses.replace(config, imports=tuple(own))
@@ -44,6 +45,8 @@ def _names(config: Config) -> Iterator[tuple[Registry[Any], str]]:
     """Each name in a configuration, and where it is looked up."""
     yield TASKS, config.env.task
     yield POLICIES, config.policy
+    if not is_path(config.env.robot):
+        yield ROBOTS, config.env.robot
     for name, weight in config.env.reward.terms.items():
         if weight:
             yield REWARDS, name

@@ -29,8 +29,8 @@ def build(config: Config) -> Any:
         UserError: if sizes do not divide over the devices, or a name is unknown.
     """
     from loco_mjx.env import LocoEnv
-    from loco_mjx.mesh import make_mesh
     from loco_mjx.ppo.trainer import Trainer
+    from loco_mjx.sharding import make_mesh
 
     return Trainer(config, LocoEnv(config.env), make_mesh())
 
@@ -38,9 +38,9 @@ def build(config: Config) -> Any:
 def build_student(config: Config, teacher: Path) -> Any:
     """As :func:`build`, for method `distill`; `teacher` is the finished run of its teacher."""
     from loco_mjx.env import LocoEnv
-    from loco_mjx.mesh import make_mesh
     from loco_mjx.ppo.distill import DistillTrainer, Teacher
     from loco_mjx.run.policy import load_policy
+    from loco_mjx.sharding import make_mesh
 
     learnt = load_policy(teacher)
     given = jax.device_get((learnt.params, learnt.normalizer))

@@ -12,11 +12,12 @@ import jax
 import mujoco
 import numpy as np
 
-from loco_mjx import a1
-from loco_mjx.physics.model import a1_xml_path
+from loco_mjx import rotations
+from loco_mjx.robots import Robot
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.types import COLLISION_MARGIN, OBSTACLE, STEP, WALL, Boxes, Cylinders, Scene, Spheres, Terrain
 
+SCENE = "_scene"  # suffix of the model's name, after the robot's
 SEEN, CONTACT = "seen", "contact"  # default classes, and the suffix of contact geoms' names
 KIND_NAMES = {OBSTACLE: "obstacle", WALL: "wall", STEP: "step"}
 COLORS: dict[str, tuple[float, float, float, float]] = {
@@ -34,9 +35,9 @@ BEYOND = 0.01  # m below the lowest vertex: the floor that catches who walks off
 
 
 def scene_spec(
-    scene: Scene, start: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, rounded: bool = False
+    scene: Scene, robot: Robot, start: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, rounded: bool = False
 ) -> mujoco.MjSpec:
-    """The A1 in a scene, ready to compile.
+    """A robot in a scene, ready to compile.
 
     Boxes are named ``obstacle_3``, ``wall_50``, ``step_0`` by their index in the scene, their contact geoms
     ``obstacle_3_contact``; cylinders ``tree_0``, spheres ``sphere_0`` or ``goal``; the ground is ``ground``. Where
@@ -45,36 +46,37 @@ def scene_spec(
 
     Args:
         scene: one environment's scene (no leading axis).
+        robot: which one.
         start: the robot's x and y, m.
         yaw: the robot's heading, rad.
         rounded: heights of the terrain to the millimetre, for a compact file.
 
     Raises:
-        UserError: if a1.xml is missing from this installation.
+        ValueError: MuJoCo's, if the robot's MJCF is damaged.
     """
-    spec = mujoco.MjSpec.from_file(str(a1_xml_path()))
-    spec.modelname = "a1_scene"
+    spec = mujoco.MjSpec.from_file(str(robot.path))
+    spec.modelname = robot.name + SCENE
     _add_looks(spec)
     _add_ground(spec, scene.terrain, rounded)
     _add_boxes(spec, scene.boxes)
     _add_cylinders(spec, scene.cylinders)
     _add_spheres(spec, scene.spheres)
-    _place_robot(spec, home_qpos(scene, start, yaw))
+    _place_robot(spec, home_qpos(scene, robot, start, yaw))
     return spec
 
 
-def scene_xml(scene: Scene, start: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0) -> str:
-    """The A1 in a scene as the text of one self-contained MJCF file; arguments as of :func:`scene_spec`."""
-    spec = scene_spec(scene, start, yaw, rounded=True)
+def scene_xml(scene: Scene, robot: Robot, start: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0) -> str:
+    """A robot in a scene as the text of one self-contained MJCF file; arguments as of :func:`scene_spec`."""
+    spec = scene_spec(scene, robot, start, yaw, rounded=True)
     spec.compile()  # the writer needs a compiled spec
     return spec.to_xml()
 
 
-def home_qpos(scene: Scene, start: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0) -> np.ndarray:
-    """(19,) configuration of the A1 standing in its default pose on the ground at ``start``, heading ``yaw``."""
+def home_qpos(scene: Scene, robot: Robot, start: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0) -> np.ndarray:
+    """(19,) configuration of a robot standing in its default pose on the ground at ``start``, heading ``yaw``."""
     ground = jax.jit(ground_height)(scene, np.float32(start[0]), np.float32(start[1]))
-    height = float(ground) + a1.STAND_HEIGHT
-    return np.array([*start, height, math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw), *a1.DEFAULT_POSE])
+    height = float(ground) + robot.stand_height
+    return np.array([*start, height, *rotations.from_yaw(yaw), *robot.default_pose])
 
 
 def place_boxes(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
@@ -153,7 +155,7 @@ def _add_boxes(spec: mujoco.MjSpec, boxes: Boxes) -> None:
     for index in range(boxes.count):
         label = KIND_NAMES[int(kind[index])]
         name = f"{label}_{index}"
-        pose = {"pos": center[index], "quat": _turn(float(yaw[index]))}
+        pose = {"pos": center[index], "quat": rotations.from_yaw(float(yaw[index]))}
         body = spec.worldbody
         if moving and kind[index] == OBSTACLE:
             body, pose = spec.worldbody.add_body(name=name, mocap=True, **pose), {}
@@ -223,11 +225,6 @@ def _place_robot(spec: mujoco.MjSpec, qpos: np.ndarray) -> None:
         pos=[-2.2, 0.0, 1.2],
         quat=_look_along_x(math.radians(-22.0)),
     )
-
-
-def _turn(yaw: float) -> np.ndarray:
-    """Quaternion (w, x, y, z) of a turn about z."""
-    return np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
 
 
 def _look_along_x(pitch: float) -> np.ndarray:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from loco_mjx import a1
 from loco_mjx.show import drawing, gl, video
 from loco_mjx.show.rollout import Rollout
 
@@ -58,15 +57,17 @@ def record(
     if attention:
         video.check_attention(rollout)
     gl.check("--video" if film is not None else "--figure")
-    count = max(round(seconds * video.RATE), 1)
+    rate = round(1 / rollout.env.dt)
+    count = max(round(seconds * rate), 1)
     shape = (2 * round(width * 9 / 32), 2 * (width // 2))
     depth = rollout.config.observation.depth
     chosen = set(np.linspace(0, count - 1, columns + 1).round().astype(int)[1:].tolist())
     pictures: list[tuple[float, np.ndarray, list[np.ndarray]]] = []
     frames, ends, distance = 0, [], 0.0
     with contextlib.ExitStack() as stack:
-        painter = stack.enter_context(video.Painter(*shape, depth, "--video" if film is not None else "--figure"))
-        add = stack.enter_context(video.writer(film, *shape, video.RATE / every)) if film is not None else None
+        what = "--video" if film is not None else "--figure"
+        painter = stack.enter_context(video.Painter(rollout.env.robot, *shape, depth, what))
+        add = stack.enter_context(video.writer(film, *shape, rate / every)) if film is not None else None
         for index, moment in enumerate(video.moments(rollout, seed, count)):
             distance = moment.distance
             ends += [(moment.step, distance)] if moment.done else []
@@ -75,7 +76,8 @@ def record(
                 frames += 1
             if figure is not None and index in chosen:
                 eyes = [painter.eye(moment, kind) for kind in ((False, True) if attention else (False,))]
-                pictures.append((index * a1.CONTROL_DT, painter.view(moment), [eye for eye in eyes if eye is not None]))
+                shown = [eye for eye in eyes if eye is not None]
+                pictures.append((index * rollout.env.dt, painter.view(moment), shown))
     if figure is not None:
         names = ("depth", video.ATTENTION)[: len(pictures[0][2])]
         rows = [("view", [view for _, view, _ in pictures])]

@@ -16,6 +16,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import evaluation_config, keys_of
 from loco_mjx.networks.policies import DEPTH
 from loco_mjx.ppo.actor import Held
+from loco_mjx.robots import DEFAULT
 from loco_mjx.run.policy import TrainedPolicy, observation_shapes
 from loco_mjx.scene.types import Scene
 
@@ -50,8 +51,10 @@ class Moment:
 class Agent:
     """What acts: a trained policy's mean, the default pose (zero), or noise."""
 
-    def __init__(self, kind: Kind, policy: TrainedPolicy | None = None) -> None:
+    def __init__(self, kind: Kind, policy: TrainedPolicy | None = None, robot: str = DEFAULT) -> None:
         """Takes a policy for kind "policy"; the others need none, and stand in the policy's environment if it is given.
+
+        Without a policy it is `robot`, by name or path, that acts.
 
         Raises:
             UserError: if a policy is asked for and there is none.
@@ -59,7 +62,7 @@ class Agent:
         if kind == "policy" and policy is None:
             raise UserError("there is no policy to run; accepted: the directory of a run, or the zero or random agent")
         self.kind, self.policy = kind, policy if kind == "policy" else None
-        self._config: Config = policy.config if policy is not None else preset("fast")
+        self._config: Config = policy.config if policy is not None else preset("fast", robot)
 
     def env_config(self, task: str | None = None) -> EnvConfig:
         """The environment to act in: the policy's own or the default, without randomisation."""

@@ -7,6 +7,8 @@ import math
 import mujoco
 import numpy as np
 
+from loco_mjx import rotations
+from loco_mjx.robots import Robot
 from loco_mjx.scene.mjcf import place_boxes, scene_spec
 from loco_mjx.scene.types import Scene
 from loco_mjx.show.rollout import Moment
@@ -23,9 +25,9 @@ SMOOTHING = 0.08  # of the way that the camera makes up per control step
 class Stage:
     """One episode's scene, compiled, as of its moments."""
 
-    def __init__(self, moment: Moment) -> None:
-        """Compiles the scene of an episode's first moment."""
-        self.model: mujoco.MjModel = scene_spec(moment.scene).compile()
+    def __init__(self, moment: Moment, robot: Robot) -> None:
+        """Compiles the scene of an episode's first moment, with the robot in it."""
+        self.model: mujoco.MjModel = scene_spec(moment.scene, robot).compile()
         self.data = mujoco.MjData(self.model)
         self.spheres = {
             index: geom
@@ -97,8 +99,7 @@ class Follower:
 
     def follow(self, moment: Moment) -> mujoco.MjvCamera:
         """The camera at a moment; at an episode's first step it is behind the robot at once."""
-        w, x, y, z = moment.qpos[3:7]
-        yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        yaw = float(rotations.yaw(moment.qpos[3:7]))
         heading = np.array([math.cos(yaw), math.sin(yaw)])
         target = np.concatenate([moment.qpos[:3], heading])
         if self._place is None or moment.step == 0:

@@ -11,14 +11,13 @@ from typing import IO, Any, cast
 
 import numpy as np
 
-from loco_mjx import a1
 from loco_mjx.config import DepthConfig
 from loco_mjx.errors import UserError
+from loco_mjx.robots import Robot
 from loco_mjx.show import drawing, gl
 from loco_mjx.show.rollout import Moment, Rollout
 from loco_mjx.show.stage import Follower, Stage
 
-RATE = round(1 / a1.CONTROL_DT)  # control steps per second
 ATTENTION = "attention"  # the row of a figure that has a scale
 VIDEOS, FIGURES = (".mp4", ".gif"), (".png", ".svg")
 # One palette for the whole film, and no dither: what stands still costs nothing.
@@ -29,8 +28,9 @@ MP4 = ["-crf", "23", "-movflags", "+faststart"]
 class Painter:
     """Draws moments: the robot from behind, and its depth image."""
 
-    def __init__(self, rows: int, columns: int, depth: DepthConfig, what: str) -> None:
-        """Size of the view, the camera's configuration, and the option that asked, for complaints."""
+    def __init__(self, robot: Robot, rows: int, columns: int, depth: DepthConfig, what: str) -> None:
+        """Who is seen, size of the view, the camera's configuration, and the option that asked, for complaints."""
+        self._robot = robot
         self.rows, self.columns, self.depth, self.what = rows, columns, depth, what
         self._follower, self._episode = Follower(ratio=columns / rows), -1
         self._open = contextlib.ExitStack()
@@ -45,7 +45,7 @@ class Painter:
         """(rows, columns, 3) uint8 from behind and above the robot."""
         if moment.episode != self._episode:
             self._open.close()
-            self._stage, self._episode = Stage(moment), moment.episode
+            self._stage, self._episode = Stage(moment, self._robot), moment.episode
             self._renderer = self._open.enter_context(
                 gl.offscreen(self._stage.model, self.rows, self.columns, self.what)
             )

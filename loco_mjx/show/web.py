@@ -11,7 +11,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from loco_mjx import a1
 from loco_mjx.errors import UserError
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.show import drawing, meshes
@@ -156,7 +155,7 @@ class Viewer:
         except queue.Empty:
             if moving:
                 self._advance()
-                self._due += a1.CONTROL_DT
+                self._due += self.rollout.env.dt  # type: ignore[union-attr]
         else:
             request()
         self._report()
@@ -182,8 +181,8 @@ class Viewer:
         else:
             late = time.perf_counter() - self._due
             pace = "paused" if self.paused else "real time" if late < 0.2 else f"{late:.1f} s behind real time"
-            moment = self._moment
-            text = f"episode {moment.episode}, {moment.step * a1.CONTROL_DT:.1f} s, {moment.distance:.1f} m; {pace}"
+            moment, now = self._moment, self._moment.step * self.rollout.env.dt
+            text = f"episode {moment.episode}, {now:.1f} s, {moment.distance:.1f} m; {pace}"
         if self._status.content != text:
             self._status.content = text
         label = "Resume" if self.paused else "Pause"
@@ -219,7 +218,7 @@ class Viewer:
 
     def _show(self, moment: Any) -> None:
         """A new scene: removes what was there, and adds every piece of the new one."""
-        self.stage = Stage(moment)
+        self.stage = Stage(moment, self.rollout.env.robot)  # type: ignore[union-attr]
         scene = self._server.scene
         with self._server.atomic():
             scene.reset()

@@ -15,7 +15,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from loco_mjx import a1
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.observer import Observer
 from loco_mjx.env.state import State
@@ -50,8 +49,9 @@ class Window:
 class Recorder:
     """Keeps windows of a run of :class:`loco_mjx.simcheck.sides.MjxSide`."""
 
-    def __init__(self, hold: int, moving: bool) -> None:
+    def __init__(self, hold: int, moving: bool, default_pose: np.ndarray) -> None:
         """Keeps nothing yet; `hold` is the policy's, whose looks at depth every window begins with."""
+        self._pose = default_pose
         self._every, self._moving = hold * -(-APART // hold), moving
         self._open: Window | None = None
         self.windows: list[Window] = []
@@ -60,10 +60,10 @@ class Recorder:
         """Takes in control step t, after which `alive` (E,) episodes go on."""
         at = t % self._every
         if at == 0:
-            self._open = Window(jax.device_get(before), [_targets(before)])
+            self._open = Window(jax.device_get(before), [_targets(before, self._pose)])
         if self._open is None or at >= LENGTH:
             return
-        self._open.targets.append(_targets(after))
+        self._open.targets.append(_targets(after, self._pose))
         self._open.contacts.append(np.asarray(after.metrics["contacts"]))
         if self._moving:
             self._open.scenes.append(jax.device_get(after.pipeline_state.scene))
@@ -117,7 +117,7 @@ def replay(
         tick(done * LENGTH, len(windows) * LENGTH)
     columns = np.array(rows).reshape(-1, 5).T
     c, mjx = ({"distance": columns[i], "contacts": columns[i + 1]} for i in (0, 2))
-    return Replayed(LENGTH * a1.CONTROL_DT, c, mjx, columns[4])
+    return Replayed(LENGTH / manifest.policy_hz, c, mjx, columns[4])
 
 
 def _again(
@@ -137,7 +137,7 @@ def _again(
         if window.scenes:
             mjcf.place_boxes(robot.model, robot.data, one(window.scenes[k], i))
         robot.forget()
-        for _ in range(a1.SUBSTEPS):
+        for _ in range(manifest.pd_hz // manifest.policy_hz):
             robot.command(given, manifest.kp, manifest.kd)
         touched += robot.contact
     start, end = np.asarray(physics.qpos[i, :3], np.float64), np.asarray(window.end)[i]
@@ -155,5 +155,5 @@ def _settled(manifest: Manifest) -> int:
     return manifest.hold * -(-max(frames) // manifest.hold)
 
 
-def _targets(state: State) -> np.ndarray:
-    return np.asarray(state.pipeline_state.episode.last_action, np.float64) + np.array(a1.DEFAULT_POSE)
+def _targets(state: State, default_pose: np.ndarray) -> np.ndarray:
+    return np.asarray(state.pipeline_state.episode.last_action, np.float64) + default_pose

@@ -21,9 +21,9 @@ from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import Figures, Tally, evaluation_config, figures
-from loco_mjx.mesh import dividing, make_mesh
 from loco_mjx.run import needs, provenance
 from loco_mjx.scene.tasks import get_task
+from loco_mjx.sharding import dividing, make_mesh
 from loco_mjx.simcheck.replay import Recorder, Replayed, replay
 from loco_mjx.simcheck.sides import CSide, MjxSide, start
 
@@ -80,6 +80,7 @@ def simcheck(
     manifest = folder.read(policy)
     session = Session(manifest, policy)
     trained = config_lib.from_dict(config_lib.Config, manifest.raw["config"])
+    trained = dataclasses.replace(trained, env=dataclasses.replace(trained.env, robot=manifest.body))
     needs.check(trained, policy)
     config = evaluation_config(trained.env, task)
     if solver is not None:
@@ -88,7 +89,7 @@ def simcheck(
     env = LocoEnv(config)
     mesh = make_mesh(dividing(episodes))
     first = start(env, seed, episodes)
-    found, seconds, recorder = {}, {}, Recorder(manifest.hold, env.task.moving)
+    found, seconds, recorder = {}, {}, Recorder(manifest.hold, env.task.moving, manifest.default_pose)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         c = CSide(env, manifest, session, pool, prisms)
         for side, watch in ((MjxSide(env, manifest, session, pool, mesh), recorder), (c, None)):

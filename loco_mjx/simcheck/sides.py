@@ -1,4 +1,4 @@
-"""The two worlds of a comparison: our environment, and C MuJoCo's A1 behind the deployment's robot protocol.
+"""The two worlds of a comparison: our environment, and C MuJoCo's robot behind the deployment's robot protocol.
 
 Scenes, starts, rewards, terminations and metrics are the environment's on both sides. On C's side everything else is
 independent: physics on the full scene with its real geoms, depth by mj_multiRay, the observation by the deployment's
@@ -17,7 +17,6 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from loco_mjx import a1
 from loco_mjx.deploy.depth_hold import DepthHold
 from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.deploy.folder import Manifest
@@ -26,14 +25,15 @@ from loco_mjx.deploy.observer import Observer
 from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.env.state import State
 from loco_mjx.evaluation.episodes import keys_of
-from loco_mjx.mesh import AXIS, spread
-from loco_mjx.physics.step import Outcome, PhysicsState
+from loco_mjx.physics.step import PhysicsState, SubstepTrace
+from loco_mjx.robots import LEGS, NJOINT
 from loco_mjx.scene import mjcf
 from loco_mjx.scene.types import Scene
+from loco_mjx.sharding import AXIS, spread
 
 Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 KEYS = {STATE: "state", DEPTH: "pixels/depth"}
-ROUGH = tuple(f"{leg}_{part}_sphere" for part in ("foot", "knee") for leg in a1.LEGS)  # what friction holds
+ROUGH = tuple(f"{leg}_{part}_sphere" for part in ("foot", "knee") for leg in LEGS)  # what friction holds
 
 
 def start(env: LocoEnv, seed: int, episodes: int) -> State:
@@ -50,7 +50,7 @@ class MjxSide:
         """Prepares the program; `pool` runs the policy, `mesh` is of `make_mesh`."""
         self._manifest, self._policy, self._pool = manifest, policy, pool
         self._mesh = mesh
-        self._scale = np.tile(np.array(env.config.action.scale), 4)
+        self._scale = np.tile(np.array(env.config.action.scale), len(LEGS))
         self._diagonal = env.config.action.diagonal
         advance = spread(jax.vmap(env.step), mesh, P(AXIS), P(AXIS))
         # Arrays without elements would come back otherwise placed, and the second step would compile again.
@@ -66,19 +66,19 @@ class MjxSide:
         obs = {name: np.asarray(state.obs[KEYS[name]]) for name in self._manifest.shapes}
         if DEPTH in obs:
             obs[DEPTH] = self._held(obs[DEPTH])
-        action = np.zeros((len(alive), 12))
+        action = np.zeros((len(alive), NJOINT))
         going = np.flatnonzero(alive)
         targets = list(self._pool.map(lambda i: self._policy({name: obs[name][i] for name in obs}), going))
         if targets:
             away = np.array(targets) - self._manifest.default_pose
             action[going] = np.divide(away, self._scale, out=np.zeros_like(away), where=self._scale > 0)
         if self._diagonal:
-            action = action[:, :6]  # FR and FL; the others follow
+            action = action[:, : NJOINT // 2]  # FR and FL; the others follow
         return self._advance(state, jp.asarray(action, jp.float32))
 
 
 class WatchedRobot(MujocoRobot):
-    """C MuJoCo's A1, of which is known what the reward needs.
+    """C MuJoCo's robot, of which is known what the reward needs.
 
     Attributes:
         torque_squared: sum over the physics steps of the sum of squared torques, (N·m)².
@@ -141,11 +141,12 @@ class CSide:
         return state
 
     def _robot(self, scene: Scene, qpos: np.ndarray) -> WatchedRobot:
-        model = mjcf.scene_spec(scene).compile()
+        model = mjcf.scene_spec(scene, self._env.robot).compile()
         model.key_qpos[0] = qpos
         for name in ROUGH:
             model.geom(name).friction[0] = self._env.config.physics.friction
-        return WatchedRobot(model, self._manifest.camera, lying=False, prisms=self._prisms)
+        how: dict[str, Any] = {"lying": False, "prisms": self._prisms, "policy_hz": self._manifest.policy_hz}
+        return WatchedRobot(model, self._manifest.camera, **how)
 
     def step(self, state: State, t: int, alive: np.ndarray) -> State:
         """One control step of every episode that is alive; the others stay where they are."""
@@ -165,18 +166,19 @@ class CSide:
         obs = self._observers[i].observe(robot.read(), frame, self._targets[i])
         self._targets[i] = self._policy(obs)
         robot.forget()
-        for _ in range(a1.SUBSTEPS):
+        for _ in range(self._env.robot.substeps):
             robot.command(self._targets[i], self._manifest.kp, self._manifest.kd)
 
-    def _measured(self) -> tuple[PhysicsState, Outcome]:
+    def _measured(self) -> tuple[PhysicsState, SubstepTrace]:
         """What the physics would say of this step; its traces are the last moment's, whose history nobody reads."""
         qpos = jp.asarray(np.array([robot.data.qpos for robot in self.robots]), jp.float32)
         qvel = jp.asarray(np.array([robot.data.qvel for robot in self.robots]), jp.float32)
-        trace = [jp.repeat(x[:, None], a1.SUBSTEPS + 1, axis=1) for x in (qpos[:, 7:], qpos[:, 3:7], qvel[:, 3:6])]
-        squared = jp.asarray([robot.torque_squared / a1.SUBSTEPS for robot in self.robots], jp.float32)
+        substeps = self._env.robot.substeps
+        trace = [jp.repeat(x[:, None], substeps + 1, axis=1) for x in (qpos[:, 7:], qpos[:, 3:7], qvel[:, 3:6])]
+        squared = jp.asarray([robot.torque_squared / substeps for robot in self.robots], jp.float32)
         contact = jp.asarray([robot.contact for robot in self.robots])
         dropped = jp.zeros(len(self.robots), jp.int32)  # C feels everything
-        return PhysicsState(qpos, qvel, jp.zeros_like(qvel)), Outcome(squared, contact, dropped, *trace)
+        return PhysicsState(qpos, qvel, jp.zeros_like(qvel)), SubstepTrace(squared, contact, dropped, *trace)
 
 
 def one(tree: Any, i: int | np.integer) -> Any:

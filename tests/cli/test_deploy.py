@@ -44,7 +44,7 @@ def test_deploy_refuses(policy, tmp_path, capsys):
 
 def test_deploy_refuses_a_scene_without_the_robot(policy, tmp_path, capsys):
     (tmp_path / "empty.xml").write_text("<mujoco/>")
-    refused(["deploy", str(policy), "--scene", str(tmp_path / "empty.xml")], "no scene with an A1", capsys)
+    refused(["deploy", str(policy), "--scene", str(tmp_path / "empty.xml")], "no scene with a robot", capsys)
 
 
 def test_export_refuses(tmp_path, capsys):

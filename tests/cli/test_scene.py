@@ -55,7 +55,8 @@ def test_without_opengl_the_mjcf_is_written_all_the_same(tmp_path, monkeypatch):
 @optional.needs_opengl
 def test_picture(tmp_path):
     """In a process of its own, for MuJoCo picks its OpenGL when it is imported."""
-    command = [sys.executable, "-m", "loco_mjx.cli.main", "scene", "--task", "stairs", "--png", str(tmp_path / "a.png")]
+    command = [sys.executable, "-m", "loco_mjx.cli.main", "scene", "--task", "stairs"]
+    command += ["--robot", "go2", "--png", str(tmp_path / "a.png")]
     done = subprocess.run(command, capture_output=True, text=True)
     optional.skip_without_driver(done.stderr)
     assert done.returncode == 0, done.stderr

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from loco_mjx import a1
 from loco_mjx.deploy.mujoco_robot import MujocoRobot
 from tests.deploy import flat
+from tests.known_robots import A1
 
 RUNNING = 2.4  # s: standing up is over
 FAULT = RUNNING + 0.4
@@ -51,4 +51,4 @@ class Clock(Faulty):
 
 
 def lies(robot):
-    return robot.data.qpos[2] < 0.5 * a1.STAND_HEIGHT and np.abs(robot.data.qvel[6:]).max() < 1.0
+    return robot.data.qpos[2] < 0.5 * A1.stand_height and np.abs(robot.data.qvel[6:]).max() < 1.0

@@ -9,15 +9,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from loco_mjx import a1
 from loco_mjx.config import Config, DepthConfig, EnvConfig, NetworkConfig, ObservationConfig
 from loco_mjx.deploy import folder
-from loco_mjx.deploy.description import describe, sealed
+from loco_mjx.deploy.description import config_hash, describe, sealed
 from loco_mjx.deploy.mujoco_robot import MujocoRobot
 from loco_mjx.deploy.runner import Runner
+from tests.known_robots import A1
 
-A1 = Path(__file__).parents[2] / "mjcf" / "a1.xml"
 SEEN = DepthConfig(height=8, width=8)
+OBSERVED = ObservationConfig(depth=SEEN)
+hashed = config_hash
 
 
 def raw(hold: int = 1, **observed: bool) -> dict:
@@ -35,7 +36,7 @@ def write(path: Path, changes: dict | None = None, content: bytes | None = None)
 
     described = raw() | (changes or {})
     size = described["inputs"]["state"]["shape"][0] if isinstance(described.get("inputs"), dict) else 93
-    pose = numpy_helper.from_array(np.array(a1.DEFAULT_POSE, np.float32), "pose")
+    pose = numpy_helper.from_array(np.array(A1.default_pose, np.float32), "pose")
     inputs = [
         helper.make_tensor_value_info("state", TensorProto.FLOAT, (size,)),
         helper.make_tensor_value_info("depth", TensorProto.FLOAT, (8, 8, 4)),
@@ -64,7 +65,7 @@ def manifest(hold: int = 1) -> folder.Manifest:
 
 @cache
 def _xml() -> str:
-    spec = mujoco.MjSpec.from_file(str(A1))
+    spec = mujoco.MjSpec.from_file(str(A1.path))
     seen = {"contype": 2, "conaffinity": 1, "group": 2}
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], **seen)
     box = mujoco.mjtGeom.mjGEOM_BOX
@@ -83,7 +84,7 @@ def model() -> mujoco.MjModel:
 
 def still(obs: dict[str, np.ndarray]) -> np.ndarray:
     """The policy that stands."""
-    return np.array(a1.DEFAULT_POSE)
+    return np.array(A1.default_pose)
 
 
 def clock():

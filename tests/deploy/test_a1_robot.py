@@ -14,14 +14,14 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.cli.main import main
 from loco_mjx.deploy.a1_robot import NO_POSITION, A1Robot
 from loco_mjx.deploy.robot import RobotError
 from loco_mjx.errors import UserError
 from tests.deploy import flat
+from tests.known_robots import A1
 
-ANGLES = np.array(a1.DEFAULT_POSE) + 0.01 * np.arange(12)
+ANGLES = np.array(A1.default_pose) + 0.01 * np.arange(12)
 
 
 class Udp:
@@ -111,7 +111,7 @@ def test_commands_are_no_faster_than_400_hz(sdk):
     for _ in range(count + 1):
         robot.command(ANGLES, 40.0, 0.6)
     took = Udp.last.times[-1] - Udp.last.times[begin]
-    assert took >= (count - 1) * a1.PHYSICS_DT
+    assert took >= (count - 1) * A1.physics_dt
 
 
 def test_a_robot_that_falls_silent_grows_old(sdk):

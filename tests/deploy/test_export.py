@@ -8,13 +8,13 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.config import NetworkConfig
 from loco_mjx.deploy import converted, export, folder
 from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import POLICIES, heads, register_policy
 from tests.deploy import made
+from tests.known_robots import A1
 
 COUNT, BATCH = 1000, 50
 CASES = [(name, False, {}) for name, entry in POLICIES.items() if not entry.uses_privileged]
@@ -113,7 +113,7 @@ def test_stablehlo_is_the_same_function(views, tmp_path):
 
 def test_diagonal_legs_move_together(views):
     policy = made.policy("state-only", diagonal=True)
-    targets = np.asarray(export.target_function(policy)(views["state"][0])) - np.array(a1.DEFAULT_POSE)
+    targets = np.asarray(export.target_function(policy)(views["state"][0])) - np.array(A1.default_pose)
     front_right, front_left, rear_right, rear_left = targets.reshape(4, 3)
     np.testing.assert_array_equal(front_right, rear_left)
     np.testing.assert_array_equal(front_left, rear_right)

@@ -8,12 +8,12 @@ from functools import reduce
 
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.config import Config
 from loco_mjx.deploy import description, folder, schema
 from loco_mjx.depth import encoding
 from loco_mjx.env import observation
 from loco_mjx.errors import UserError
+from loco_mjx.robots import joint_names
 from tests.deploy import flat
 
 # What is said for people, and what another run may have otherwise.
@@ -88,7 +88,7 @@ def test_a_change_that_does_not_change_the_hash_is_found(policy, manifest):
     )
 
 
-PERMUTED = [*a1.JOINTS[3:6], *a1.JOINTS[:3], *a1.JOINTS[6:]]
+PERMUTED = [*joint_names()[3:6], *joint_names()[:3], *joint_names()[6:]]
 WRONG = {
     "permuted joints": (("joints", "order"), PERMUTED, "joints.order is"),
     "no limits": (("joints", "upper"), [1e9] * 12, "joints.upper is [1000000000.0"),
@@ -155,7 +155,7 @@ def test_what_is_no_json_of_ours(old, new, said, policy, manifest):
 def test_words_for_people_may_differ(policy, manifest):
     other = changed(manifest, ("inputs", "depth", "order"), "as before")
     flat.write_manifest(policy, {key: value for key, value in other.items() if key != "sha256"})
-    assert folder.read(policy).joints == a1.JOINTS
+    assert folder.read(policy).joints == joint_names()
 
 
 def test_a_file_beside_the_network_is_checked_where_there_is_one(policy, manifest):

@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.deploy.safety import Cause, Guard, Limits
 from tests.deploy import flat
 from tests.deploy.faulty import Faulty, lies
 from tests.deploy.test_safety import stopped
+from tests.known_robots import A1
 
 ONE = np.eye(12)[2]
 
 
 def within(targets):
-    return np.all(targets >= np.array(a1.JOINT_LOWER) - 1e-9) and np.all(targets <= np.array(a1.JOINT_UPPER) + 1e-9)
+    return np.all(targets >= np.array(A1.lower) - 1e-9) and np.all(targets <= np.array(A1.upper) + 1e-9)
 
 
 IMPOSSIBLE = {

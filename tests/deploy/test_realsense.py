@@ -37,7 +37,7 @@ def raw_image(intrinsics: Intrinsics) -> np.ndarray:
     robot = MujocoRobot(flat.model(), CAMERA, lying=False)
     groups = np.array([0, 0, 1, 0, 0, 0], np.uint8)
     hit, distance = np.full(len(rays), -1, np.int32), np.zeros(len(rays))
-    origin = robot.data.qpos[:3] + np.array([CAMERA.offset, 0.0, 0.0])
+    origin = robot.data.qpos[:3] + np.array(CAMERA.offset)
     unit = (rays / length[:, None]).ravel()
     mujoco.mj_multiRay(
         robot.model, robot.data, origin, unit, groups, True, -1, hit, distance, None, len(rays), mujoco.mjMAXVAL

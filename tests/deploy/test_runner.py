@@ -7,7 +7,6 @@ import sys
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.deploy import folder
 from loco_mjx.deploy.mujoco_robot import Imperfections, MujocoRobot
 from loco_mjx.deploy.observer import Observer
@@ -15,8 +14,9 @@ from loco_mjx.deploy.robot import Frame, Sensors
 from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
 from tests.deploy import flat
+from tests.known_robots import A1
 
-POSE = np.array(a1.DEFAULT_POSE)
+POSE = np.array(A1.default_pose)
 
 
 def sensors(t, **more):
@@ -83,7 +83,7 @@ def test_stands_runs_and_lies_down(tmp_path):
     assert record.cause is None
     times = np.array([time for time, _ in seen[1:]])  # the first is the check before the start
     np.testing.assert_allclose(times, 2.4 + 0.04 * np.arange(20), atol=1e-9)
-    assert all(height > 0.8 * a1.STAND_HEIGHT for _, height in seen[1:])  # soft gains: the knees give a little
+    assert all(height > 0.8 * A1.stand_height for _, height in seen[1:])  # soft gains: the knees give a little
     assert robot.data.qpos[2] < 0.16 and record.misses == 0
     assert record.distance == pytest.approx(0.0, abs=0.05)
     record.save(tmp_path / "run.npz")
@@ -97,9 +97,9 @@ def test_depth_of_a_wall_and_of_the_ground():
     robot = MujocoRobot(flat.model(), flat.manifest().camera, lying=False)
     image = robot.depth().depth
     # The wall's face is at x = 3: planar depth is the same in every pixel that sees it.
-    np.testing.assert_allclose(image[2], 3.0 - a1.CAMERA_OFFSET, atol=1e-6)
+    np.testing.assert_allclose(image[2], 3.0 - A1.camera[0], atol=1e-6)
     down = np.tan(np.radians(30)) * (2 * 7 + 1 - 8) / 8  # of the lowest row's ray, per metre ahead
-    np.testing.assert_allclose(image[7], a1.STAND_HEIGHT / down, atol=1e-6)
+    np.testing.assert_allclose(image[7], A1.stand_height / down, atol=1e-6)
 
 
 def test_a_collected_sphere_is_gone():

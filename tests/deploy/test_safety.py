@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.deploy.mujoco_robot import Imperfections
 from loco_mjx.deploy.robot import RobotError
 from loco_mjx.deploy.safety import Cause, EmergencyStop, Guard, Limits, Stop
 from loco_mjx.errors import UserError
 from tests.deploy import flat
 from tests.deploy.faulty import FAULT, Faulty, lies
+from tests.known_robots import A1
 
 
 def stopped(robot, cause, **more):
@@ -84,7 +84,7 @@ def test_a_deadline_missed_now_and_then_is_only_counted():
 
 def test_torque_asked_for_too_long():
     robot = Faulty()
-    far = np.array(a1.DEFAULT_POSE) + np.tile([0.0, 3.0, 0.0], 4)
+    far = np.array(A1.default_pose) + np.tile([0.0, 3.0, 0.0], 4)
     kick = lambda obs: far if robot.broken else flat.still(obs)  # noqa: E731
     record = stopped(robot, Cause.TORQUE, policy=kick, limits=Limits(saturated=0.02))
     assert record.clamped >= 8
@@ -128,11 +128,11 @@ def test_dropped_frames_are_borne_until_they_are_too_many():
 def test_clamps():
     guard, robot = Guard(flat.manifest(), Limits()), Faulty(lying=False)
     sensors = replace(robot.read(), velocities=np.linspace(-3, 3, 12))
-    far = np.array(a1.DEFAULT_POSE) + np.tile([5.0, -5.0, 5.0], 4)
+    far = np.array(A1.default_pose) + np.tile([5.0, -5.0, 5.0], 4)
     safe = guard.clamp(far, sensors, 40.0, 0.6)
     torque = 40.0 * (safe - sensors.angles) - 0.6 * sensors.velocities
-    assert np.abs(torque).max() <= a1.TORQUE_LIMIT + 1e-9
-    assert np.all(safe <= np.array(a1.JOINT_UPPER) + 1e-9) and np.all(safe >= np.array(a1.JOINT_LOWER) - 1e-9)
+    assert np.abs(torque).max() <= A1.torque_limit[0] + 1e-9
+    assert np.all(safe <= np.array(A1.upper) + 1e-9) and np.all(safe >= np.array(A1.lower) - 1e-9)
     assert guard.clamped == 1
     np.testing.assert_array_equal(guard.clamp(sensors.angles, sensors, 40.0, 0.6), sensors.angles)
 

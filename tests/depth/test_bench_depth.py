@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.bench.depth import bench_depth, standing_poses
 from loco_mjx.errors import UnknownNameError
 from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.tasks import get_task
+from tests.known_robots import A1
 
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
@@ -30,8 +32,8 @@ def test_bench_refuses_an_unknown_task() -> None:
 
 def test_robots_stand_on_the_steps() -> None:
     key = jax.random.PRNGKey(0)
-    poses = np.asarray(jax.jit(standing_poses)(key, make_pool(key, get_task("stairs"), 64)))
-    steps = (poses[:, 2] - a1.STAND_HEIGHT) / 0.1
+    poses = np.asarray(jax.jit(partial(standing_poses, A1))(key, make_pool(key, get_task("stairs"), 64)))
+    steps = (poses[:, 2] - A1.stand_height) / 0.1
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-4)
     assert set(np.round(steps)) == {0, 1, 2, 3, 4}
     assert poses[:, 0].min() > 0 and poses[:, 0].max() < 18 and np.abs(poses[:, 1]).max() <= 1

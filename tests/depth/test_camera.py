@@ -8,6 +8,7 @@ import pytest
 
 from loco_mjx.config import DepthConfig
 from loco_mjx.depth import camera
+from tests.known_robots import A1
 
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
@@ -15,7 +16,7 @@ HALF = np.sqrt(0.5)
 
 
 def test_pose_unturned_is_ahead_along_x() -> None:
-    origin, rotation = camera.pose(jp.array([1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0, 9.0]))
+    origin, rotation = camera.pose(jp.array([1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0, 9.0]), A1.camera)
     np.testing.assert_allclose(origin, [1.2309, 2.0, 3.0], atol=1e-6)
     np.testing.assert_allclose(rotation, np.eye(3), atol=1e-6)
 
@@ -29,14 +30,14 @@ def test_pose_unturned_is_ahead_along_x() -> None:
     ],
 )
 def test_pose_turned(quat: tuple, forward: tuple, left: tuple, up: tuple) -> None:
-    origin, rotation = camera.pose(jp.array([0.0, 0.0, 1.0, *quat]))
+    origin, rotation = camera.pose(jp.array([0.0, 0.0, 1.0, *quat]), A1.camera)
     np.testing.assert_allclose(np.asarray(rotation).T, [forward, left, up], atol=1e-6)
     np.testing.assert_allclose(origin, np.array([0, 0, 1]) + 0.2309 * np.array(forward), atol=1e-6)
 
 
 def test_pose_ignores_the_quaternions_length() -> None:
     quat = np.array([0.9, 0.1, -0.2, 0.3])
-    long, unit = (camera.pose(jp.array([0, 0, 0, *q])) for q in (3 * quat, quat / np.linalg.norm(quat)))
+    long, unit = (camera.pose(jp.array([0, 0, 0, *q]), A1.camera) for q in (3 * quat, quat / np.linalg.norm(quat)))
     np.testing.assert_allclose(long[0], unit[0], atol=1e-6)
     np.testing.assert_allclose(long[1], unit[1], atol=1e-6)
 

@@ -15,6 +15,7 @@ from loco_mjx.depth.render import render
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.types import Terrain
 from tests.depth.test_render import at, make_scene
+from tests.known_robots import A1
 
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
@@ -41,7 +42,7 @@ def test_level_terrain_is_the_plane(axis: int, angle: float) -> None:
     pose = at(0, 0, 0.4, about(axis, angle))
     plane = np.asarray(see(make_scene(), pose.at[2].add(-0.1)))
     image = np.asarray(see(terrain_scene(np.full(SHAPE, 0.1)), pose))
-    origin, rotation = camera.pose(pose)
+    origin, rotation = camera.pose(pose, A1.camera)
     hit = np.asarray(origin)[:, None] + np.asarray(rotation) @ (plane.ravel() * [np.ones(4096), *camera.rays(CONFIG)])
     x, y = hit[0].reshape(64, 64), hit[1].reshape(64, 64)
     inside = (x > -1.9) & (x < 12.8) & (np.abs(y) < 6.8) & (plane < 9.9)
@@ -79,7 +80,7 @@ def test_shapes_stand_before_terrain() -> None:
 
 def march(terrain: Terrain, pose: jax.Array, step: float = 0.004) -> np.ndarray:
     """Depth where each ray first is below the surface, by 4 mm steps along the optical axis."""
-    origin, rotation = (np.asarray(part) for part in camera.pose(pose))
+    origin, rotation = (np.asarray(part) for part in camera.pose(pose, A1.camera))
     direction = rotation @ np.stack([np.ones(4096), *camera.rays(CONFIG)])
     height = jax.jit(lambda x, y: ground(terrain, x, y)[0])
     depth, found = np.full(4096, CONFIG.far), np.zeros(4096, bool)

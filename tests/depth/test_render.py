@@ -16,6 +16,7 @@ from loco_mjx.config import DepthConfig
 from loco_mjx.depth import primitives
 from loco_mjx.depth.render import _gather, look, render, trace
 from loco_mjx.scene.types import Boxes, Cylinders, Scene, Spheres, Terrain
+from tests.known_robots import A1
 
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
@@ -202,7 +203,7 @@ def test_leaving_out_what_is_not_in_view_changes_no_pixel(monkeypatch: pytest.Mo
     images = jax.jit(jax.vmap(partial(render, config=CONFIG), (None, 0)))(scene, poses)
     for kind in ("boxes", "spheres", "cylinders"):
         monkeypatch.setattr(primitives, f"{kind}_in_view", lambda planes, shapes, center: jp.ones(len(center), bool))
-    all_tested = jax.jit(jax.vmap(lambda pose: render(scene, pose, CONFIG)))(poses)
+    all_tested = jax.jit(jax.vmap(lambda pose: render(scene, pose, A1.camera, CONFIG)))(poses)
     assert float(jp.mean(images < CONFIG.far)) > 0.2
     np.testing.assert_array_equal(images, all_tested)
 

@@ -12,10 +12,11 @@ from brax.training.agents.ppo import networks as ppo_networks
 from brax.training.agents.ppo import networks_vision
 from brax.training.agents.ppo import train as ppo
 
-from loco_mjx import a1, make_env, wrap_for_brax
+from loco_mjx import make_env, wrap_for_brax
 from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
+from tests.known_robots import A1
 from tests.ppo.probes import Probe
 
 N, LENGTH, POOL = 2, 3, 4  # environments, control steps of an episode, scenes
@@ -70,7 +71,7 @@ def _info(states, name):
 
 def _begun(state):
     """Checks that of three frames of an observed state (N, 93) one is new and two are the standing robot's."""
-    for first, size, standing in ((0, 3, 0.0), (9, 4, 0.0), (21, 12, 0.0), (57, 12, np.array(a1.DEFAULT_POSE))):
+    for first, size, standing in ((0, 3, 0.0), (9, 4, 0.0), (21, 12, 0.0), (57, 12, np.array(A1.default_pose))):
         assert (np.abs(state[:, first : first + size] - standing).max(axis=1) > 0).all()
         past = np.array(state[:, first + size : first + 3 * size]).reshape(N, 2, size)
         np.testing.assert_allclose(past, np.broadcast_to(standing, past.shape), atol=1e-6)

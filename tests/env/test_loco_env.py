@@ -7,11 +7,12 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx import a1, make_env
+from loco_mjx import make_env
 from loco_mjx.config import ActionConfig, DepthConfig, EnvConfig, ObservationConfig, RandomizationConfig
 from loco_mjx.env import autoreset
 from loco_mjx.errors import UnknownNameError
-from loco_mjx.physics.step import Outcome
+from loco_mjx.physics.step import SubstepTrace
+from tests.known_robots import A1
 
 HORIZON = 6
 BLIND = ObservationConfig(depth=DepthConfig(enabled=False))
@@ -64,7 +65,7 @@ def test_shapes_and_first_state(env, reset, key):
     assert {k: v.shape for k, v in state.obs.items()} == {"state": (93,), "pixels/depth": (64, 64, 4)}
     assert env.observation_size == {"state": (93,), "pixels/depth": (64, 64, 4)} and env.action_size == 12
     qpos = np.array(state.pipeline_state.physics.qpos)
-    assert np.abs(qpos[:2]).max() <= 1.0 and qpos[2] == pytest.approx(a1.STAND_HEIGHT)
+    assert np.abs(qpos[:2]).max() <= 1.0 and qpos[2] == pytest.approx(A1.stand_height)
     np.testing.assert_allclose(qpos[3:7], [1, 0, 0, 0])
     frames = np.array(state.obs["pixels/depth"])
     assert (frames == frames[..., :1]).all() and np.ptp(frames) > 0.5
@@ -81,7 +82,7 @@ def test_observation_after_a_step_is_what_happened(reset, step, key):
     assert not obs[3:9].any()
     np.testing.assert_allclose(obs[21:33], 0.5 * np.linspace(-1, 1, 12), atol=1e-6)
     np.testing.assert_allclose(obs[57:69], after.pipeline_state.physics.qpos[7:], atol=1e-6)
-    np.testing.assert_allclose(obs[69:81], a1.DEFAULT_POSE, atol=1e-6)
+    np.testing.assert_allclose(obs[69:81], A1.default_pose, atol=1e-6)
     terms = sum(float(v) for k, v in after.metrics.items() if k.startswith("reward/"))
     assert float(after.reward) == pytest.approx(terms, abs=1e-5)
     assert float(after.metrics["distance"]) == pytest.approx(float(moved[0]), abs=1e-6)
@@ -198,6 +199,6 @@ def test_what_physics_could_not_feel_is_a_metric(other):
     state = jax.tree.map(lambda x: x[0], reset(jax.random.PRNGKey(0)))
     world, zero = state.pipeline_state, jp.zeros(())
     trace = [jp.tile(x, (17, 1)) for x in (world.physics.qpos[7:], world.physics.qpos[3:7], world.physics.qvel[3:6])]
-    outcome = Outcome(zero, zero > 0, jp.int32(3), *trace)
+    outcome = SubstepTrace(zero, zero > 0, jp.int32(3), *trace)
     after = jax.jit(env.conclude)(state, world.scene, world.physics, outcome, jp.zeros(12))
     assert after.metrics["contacts/dropped"] == 3.0 and set(after.metrics) == set(state.metrics)

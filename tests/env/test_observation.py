@@ -4,9 +4,10 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx import a1
+from loco_mjx import rotations
 from loco_mjx.config import ObservationConfig
 from loco_mjx.env import observation
+from tests.known_robots import A1
 
 
 def _quaternion(roll=0.0, pitch=0.0, yaw=0.0):
@@ -23,19 +24,19 @@ def _quaternion(roll=0.0, pitch=0.0, yaw=0.0):
 
 @pytest.mark.parametrize("yaw", [0.0, 1.3])
 def test_roll_and_pitch_do_not_depend_on_yaw(yaw):
-    angles = observation.roll_pitch(_quaternion(0.2, -0.3, yaw))
+    angles = rotations.roll_pitch(_quaternion(0.2, -0.3, yaw))
     np.testing.assert_allclose(angles, [0.2, -0.3], atol=1e-6)
 
 
 @pytest.mark.parametrize(("latency", "expected"), [(0.0, 16.0), (0.0025, 15.0), (0.00375, 14.5), (0.04, 0.0)])
 def test_latency_interpolates_between_physics_steps(latency, expected):
-    trace = jp.arange(a1.SUBSTEPS + 1.0)[:, None]
-    assert observation.delayed(trace, jp.array(latency))[0] == pytest.approx(expected, abs=1e-4)
+    trace = jp.arange(A1.substeps + 1.0)[:, None]
+    assert observation.delayed(trace, jp.array(latency), A1.physics_dt)[0] == pytest.approx(expected, abs=1e-4)
 
 
 def test_state_is_grouped_by_sensor_newest_first():
     config = ObservationConfig()
-    history = observation.first_history(config)
+    history = observation.first_history(config, A1)
     for step in (1.0, 2.0, 3.0):
         history = observation.push(
             history,
@@ -54,11 +55,11 @@ def test_state_is_grouped_by_sensor_newest_first():
 
 def test_real_preset_has_84_values_and_no_displacement():
     config = ObservationConfig(displacement=False)
-    assert observation.state_vector(observation.first_history(config), None).shape == (84,) == (config.state_size,)
+    assert observation.state_vector(observation.first_history(config, A1), None).shape == (84,) == (config.state_size,)
 
 
 def test_first_history_is_three_copies_of_the_standing_robot():
-    history = observation.first_history(ObservationConfig())
+    history = observation.first_history(ObservationConfig(), A1)
     np.testing.assert_allclose(history["angles"], np.tile([0, 0.9, -1.8], (3, 4)), atol=1e-6)
     assert not history["imu"].any() and not history["displacement"].any() and not history["last_action"].any()
 

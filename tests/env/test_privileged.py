@@ -9,20 +9,20 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.config import EnvConfig, ObservationConfig
 from loco_mjx.env import privileged
 from loco_mjx.scene.parts import make_boxes, make_scene
 from loco_mjx.scene.types import STEP, Cylinders, Spheres, Terrain
+from tests.known_robots import A1
 
 POINTS, RAYS = privileged.SCAN_X.size * privileged.SCAN_Y.size, privileged.RAY_ANGLES.size
 AHEAD = RAYS // 2  # the ray along the heading
-_observe = jax.jit(privileged.observe)
+_observe = jax.jit(lambda scene, qpos, qvel: privileged.observe(scene, A1.stand_height, qpos, qvel))
 
 
-def _pose(x=0.0, y=0.0, z=a1.STAND_HEIGHT, yaw=0.0):
+def _pose(x=0.0, y=0.0, z=A1.stand_height, yaw=0.0):
     turned = jp.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
-    return jp.concatenate([jp.array([x, y, z]), turned, jp.array(a1.DEFAULT_POSE)])
+    return jp.concatenate([jp.array([x, y, z]), turned, jp.array(A1.default_pose)])
 
 
 def _parts(scene, pose, velocity=(0.0,) * 6):
@@ -94,7 +94,7 @@ def test_velocity_and_goal_are_in_the_heading_frame():
     np.testing.assert_allclose(parts["velocity"], [0.8, 0.0, 0.1], atol=1e-6)
     np.testing.assert_allclose(parts["turning"], [0.0, 0.0, 0.3], atol=1e-6)
     np.testing.assert_allclose(parts["goal"], [1.0, 0.0, 0.3], atol=1e-6)
-    assert _parts(make_scene(), _pose(y=1.5, z=a1.STAND_HEIGHT + 0.1))["across"] == pytest.approx(1.5)
+    assert _parts(make_scene(), _pose(y=1.5, z=A1.stand_height + 0.1))["across"] == pytest.approx(1.5)
 
 
 def test_the_environment_has_it_where_it_is_asked_for():

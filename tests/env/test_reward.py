@@ -22,6 +22,7 @@ STEP = RewardInputs(
     displacement=jp.array([0.02, -0.01, 0.004]),
     velocity=jp.array([0.5, -0.25, 0.1]),
     forward=jp.array(0.02),
+    forward_velocity=jp.array(0.5),
     speed=jp.array(0.5),
     distance=jp.array(0.02),
     torque_squared=jp.array(80.0),
@@ -59,7 +60,7 @@ def test_the_further_terms_when_weighted():
 
 @pytest.mark.parametrize(("forward", "target", "expected"), [(0.08, 1.0, 1.0), (0.08, None, 2.0), (-0.08, 1.0, -2.0)])
 def test_forward_speed_is_capped_above_only(forward, target, expected):
-    assert forward_speed(jp.array(forward), RewardConfig(target_speed=target)) == pytest.approx(expected)
+    assert forward_speed(jp.array(forward / 0.04), RewardConfig(target_speed=target)) == pytest.approx(expected)
 
 
 def test_forward_is_plus_x_or_three_dimensional_progress_to_the_goal():

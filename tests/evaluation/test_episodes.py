@@ -5,13 +5,13 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.config import preset
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import EARLY_STEPS, Evaluator, evaluation_config, means, summarize
 from loco_mjx.networks.policies import Outputs
 from loco_mjx.ppo import normalizer
+from tests.known_robots import A1
 from tests.run.tiny import mesh
 
 HORIZON = 6
@@ -69,7 +69,7 @@ def test_metrics_are_sums_up_to_the_first_done():
 
 
 def test_the_first_16_seconds_are_summed_apart(monkeypatch):
-    assert EARLY_STEPS == 400 == 16 / a1.CONTROL_DT
+    assert EARLY_STEPS == 400 == 16 / A1.control_dt
     monkeypatch.setattr("loco_mjx.evaluation.episodes.EARLY_STEPS", 3)
     figures = run(16)
     early = np.minimum(figures["length"], 3)

@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.config import PhysicsConfig
-from loco_mjx.physics import kinematics, slots
+from loco_mjx.physics import collision, kinematics
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
+from tests.known_robots import A1
 
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
@@ -31,7 +31,7 @@ def _poses(scene) -> np.ndarray:
     ground = np.array(jax.vmap(lambda x, y: ground_height(scene, x, y))(*jp.array(xy.T)))
     quat = rng.normal(size=(POSES, 4)) * 0.15 + [1, 0, 0, 0]
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)
-    angles = np.array(a1.DEFAULT_POSE) + 0.3 * rng.normal(size=(POSES, 12))
+    angles = np.array(A1.default_pose) + 0.3 * rng.normal(size=(POSES, 12))
     height = ground + rng.uniform(0.1, 0.3, POSES)
     return np.concatenate([xy, height[:, None], quat, angles], axis=1).astype(np.float32)
 
@@ -40,12 +40,12 @@ def _ours(scene, qpos: np.ndarray, obstacle_slots: int) -> tuple[np.ndarray, np.
     """(POSES, 22) each sphere's smallest distance to what its slots hold; (POSES,) whether obstacles are touched."""
 
     def run(qpos):
-        near = jax.vmap(lambda q: slots.near(scene.replace(terrain=None), q, PhysicsConfig()))(qpos)
+        near = jax.vmap(lambda q: collision.broadphase(scene.replace(terrain=None), A1, q, PhysicsConfig()))(qpos)
         near = jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), near)
         spread = lambda x: jp.broadcast_to(x, (POSES, *x.shape))  # noqa: E731
         near = near.replace(terrain=jax.tree.map(spread, scene.terrain))
-        point = kinematics.sphere_centers(qpos.T)
-        held = slots.touch(lambda f, *args: f(*args), near, point, obstacle_slots)
+        point = kinematics.sphere_centers(A1, qpos.T)
+        held = collision.narrowphase(lambda f, *args: f(*args), near, A1, point, obstacle_slots)
         feet, knees = (jp.min(jp.stack([p.distance for p in planes]), axis=0) for planes in (held.feet, held.knees))
         return jp.concatenate([feet, held.hips.distance, knees, held.calves.distance, held.trunk.distance]).T, held.hit
 
@@ -55,9 +55,9 @@ def _ours(scene, qpos: np.ndarray, obstacle_slots: int) -> tuple[np.ndarray, np.
 
 def _theirs(scene, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same from C MuJoCo's contacts: (POSES, 22) smallest distance, 1 where there is no contact."""
-    model = scene_spec(scene).compile()
+    model = scene_spec(scene, A1).compile()
     data = mujoco.MjData(model)
-    spheres = {model.geom(name).id: i for i, name in enumerate(kinematics.SPHERES)}
+    spheres = {model.geom(name).id: i for i, name in enumerate(A1.spheres)}
     distance = np.ones((POSES, len(spheres)))
     for pose, row in zip(qpos, distance, strict=True):
         data.qpos[:19] = pose

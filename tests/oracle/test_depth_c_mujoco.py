@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import DepthConfig
-from loco_mjx.depth import camera, reference
+from loco_mjx.depth import c_mujoco, camera
 from loco_mjx.depth.render import render
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import Scene
+from tests.known_robots import A1
 
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
@@ -48,7 +49,7 @@ def draw_pose(key: jax.Array, scene: Scene) -> jax.Array:
 
 def is_clear(scene: Scene, pose: jax.Array) -> jax.Array:
     """Whether the camera is outside every shape and above the ground: inside, C MuJoCo reads the way out."""
-    origin, _ = camera.pose(pose)
+    origin, _ = camera.pose(pose, A1.camera)
     boxes, balls, trunks = scene.boxes, scene.spheres, scene.cylinders
     away = origin - boxes.center
     cos, sin = jp.cos(boxes.yaw), jp.sin(boxes.yaw)
@@ -71,10 +72,10 @@ def draw_clear_pose(key: jax.Array, scene: Scene) -> jax.Array:
 
 def expected(scene: Scene, pose: np.ndarray) -> np.ndarray:
     """C MuJoCo's image of one scene."""
-    model = scene_spec(scene).compile()
+    model = scene_spec(scene, A1).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    return reference.cast(model, data, pose, CONFIG)
+    return c_mujoco.cast(model, data, pose, A1.camera, CONFIG)
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -88,7 +89,7 @@ def test_depth_is_mj_multi_rays(task: str) -> None:
         return scene, pose, is_clear(scene, pose)
 
     scenes, poses, clear = jax.jit(jax.vmap(one), compiler_options=QUICKLY)(keys)
-    images = jax.jit(jax.vmap(lambda scene, pose: render(scene, pose, CONFIG)))(scenes, poses)
+    images = jax.jit(jax.vmap(lambda scene, pose: render(scene, pose, A1.camera, CONFIG)))(scenes, poses)
     assert bool(jp.all(clear))
     rows, poses, images = range(SCENES), np.asarray(poses), np.asarray(images)
     depths = np.array([expected(jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), scenes), poses[i]) for i in rows])
@@ -109,7 +110,11 @@ def test_reference_reads_known_distances() -> None:
     )
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    image = reference.cast(model, data, np.array([0.0, 0, 0.5, 1, 0, 0, 0]), CONFIG)
+    image = c_mujoco.cast(model, data, np.array([0.0, 0, 0.5, 1, 0, 0, 0]), A1.camera, CONFIG)
     np.testing.assert_allclose(image[:40], 2.0, atol=1e-9)
     np.testing.assert_allclose(image[63], 0.879772, rtol=1e-5)  # 0.5 / 0.568329
-    np.testing.assert_allclose(reference.directions(CONFIG).T[1:], camera.rays(CONFIG), atol=1e-6)
+    np.testing.assert_allclose(
+        c_mujoco.directions(CONFIG.height, CONFIG.width, CONFIG.vertical_fov, CONFIG.horizontal_fov).T[1:],
+        camera.rays(CONFIG),
+        atol=1e-6,
+    )

@@ -10,16 +10,28 @@ import mujoco
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.config import RandomizationConfig
 from loco_mjx.deploy.terrain_contacts import TerrainContacts
 from loco_mjx.physics.step import Dynamics, PhysicsState, initial_state, nominal_dynamics
+from loco_mjx.robots import LEGS
+from loco_mjx.robots.motor import motor_torque
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import OBSTACLE, STEP
+from tests.known_robots import A1
 from tests.physics import world
-from tests.physics.world import CONVERGED, DEFAULT, c_rollout, flat_c_model, rollout, scene, standing, trot_targets
+from tests.physics.world import (
+    CONVERGED,
+    DEFAULT,
+    c_rollout,
+    flat_c_model,
+    nominal,
+    rollout,
+    scene,
+    standing,
+    trot_targets,
+)
 
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
@@ -40,9 +52,9 @@ def _random_states(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(11)
     quat = rng.normal(size=(count, 4)) * 0.3 + [1, 0, 0, 0]
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)
-    angles = np.array(a1.DEFAULT_POSE) + 0.5 * rng.normal(size=(count, 12))
+    angles = np.array(A1.default_pose) + 0.5 * rng.normal(size=(count, 12))
     place = np.stack([np.zeros(count), np.zeros(count), rng.uniform(0.1, 0.27, count)], axis=1)
-    targets = np.array(a1.DEFAULT_POSE) + 0.3 * rng.normal(size=(count, 12))
+    targets = np.array(A1.default_pose) + 0.3 * rng.normal(size=(count, 12))
     return np.concatenate([place, quat, angles], axis=1), 0.5 * rng.normal(size=(count, 18)), targets
 
 
@@ -51,8 +63,8 @@ def _c_step(model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray, target: n
     model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance = 200, 100, 1e-12
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = qpos, qvel
-    for _ in range(a1.SUBSTEPS):
-        data.ctrl[:] = a1.motor_torque(target, data.qpos[7:], data.qvel[6:])
+    for _ in range(A1.substeps):
+        data.ctrl[:] = motor_torque(target, data.qpos[7:], data.qvel[6:], A1.kp, A1.kd, A1.torque_limit[0])
         mujoco.mj_step(model, data)
     return data.qpos.copy()
 
@@ -69,7 +81,7 @@ def test_random_states_move_as_in_c(mass, inertia, friction):
     c_model.body_invweight0 /= mass
     c_model.geom_friction[:, 0] = friction
     one = jp.float32(1.0)
-    how = dataclasses.replace(nominal_dynamics(friction=friction), mass=mass * one, inertia=inertia * one)
+    how = dataclasses.replace(nominal(friction=friction), mass=mass * one, inertia=inertia * one)
     errors = []
     for first in range(0, count, world.BATCH):
         picked = range(first, first + world.BATCH)
@@ -113,7 +125,7 @@ def test_a_knee_on_the_ground_leans_against_a_wall_as_in_c():
     A knee has friction against the nearest only, here the ground: C gets a wall without.
     """
     full = scene([{"center": (0.0, 0.5, 0.5), "half": (3.0, 0.1, 0.5), "kind": OBSTACLE}])  # contact from y = 0.35
-    c_model = scene_spec(full).compile()
+    c_model = scene_spec(full, A1).compile()
     wall = c_model.geom("obstacle_0_contact").id
     c_model.geom_priority[wall], c_model.geom_condim[wall] = 2, 1
     qpos, qvel, targets = _kneeling_states(2000)
@@ -125,7 +137,7 @@ def test_a_knee_on_the_ground_leans_against_a_wall_as_in_c():
         corners = _spheres_in_corners(c_model, data)
         if not corners or not all("knee" in name for name in corners):
             continue
-        feet = [f"{leg}_foot_sphere" for leg in a1.LEGS]
+        feet = [f"{leg}_foot_sphere" for leg in LEGS]
         into_wall = max(_depths(data, name)[1] for name in corners)
         free = max(_depths(data, name)[1] for name in feet) < 0
         lower = all(_depths(data, name)[0] > into_wall for name in corners)
@@ -144,8 +156,8 @@ def test_a_foot_stands_on_the_two_edges_of_a_gap_as_in_c():
     """Sphere of 4 cm over a gap of 3 cm between two blocks; with one slot for blocks it would fall in."""
     middle = 0.183  # x of the front feet
     full = scene([{"center": (middle + side * 0.415, 0.0, 0.1), "half": (0.4, 0.5, 0.1)} for side in (-1, 1)])
-    start, targets = standing(height=0.2 + a1.STAND_HEIGHT), world.still(10)
-    theirs = c_rollout(scene_spec(full).compile(), start, targets, *GAIT)
+    start, targets = standing(height=0.2 + A1.stand_height), world.still(10)
+    theirs = c_rollout(scene_spec(full, A1).compile(), start, targets, *GAIT)
     ours, _ = rollout([start], [full], targets, [_gait()], CONVERGED)
     np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-3)
 
@@ -155,7 +167,7 @@ def test_a_foot_squeezed_by_two_blocks_feels_both_as_in_c():
     middle = 0.183  # x of the front feet
     full = scene([{"center": (middle + side * 0.069, 0.0, 0.015), "half": (0.05, 0.5, 0.015)} for side in (-1, 1)])
     targets, shove = world.still(10), 0.4 * np.eye(18)[0]
-    theirs = c_rollout(scene_spec(full).compile(), standing(), targets, *GAIT, qvel=shove)
+    theirs = c_rollout(scene_spec(full, A1).compile(), standing(), targets, *GAIT, qvel=shove)
     start = PhysicsState(jp.asarray(standing()), jp.asarray(shove, jp.float32), jp.zeros(18))
     ours, _ = rollout([start], [full], targets, [_gait()], CONVERGED)
     np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-3)
@@ -178,7 +190,7 @@ def test_feet_slide_as_far_as_in_c(friction):
     c_model.geom_friction[:, 0] = friction
     theirs = c_rollout(c_model, qpos, world.still(12), qvel=qvel)
     start = PhysicsState(jp.asarray(qpos), jp.asarray(qvel, jp.float32), jp.zeros(18))
-    ours, _ = rollout([start], [scene()], world.still(12), [nominal_dynamics(friction=friction)], CONVERGED)
+    ours, _ = rollout([start], [scene()], world.still(12), [nominal(friction=friction)], CONVERGED)
     np.testing.assert_allclose(ours.qpos[0, -1, :3], theirs[-1, :3], atol=1e-4)
 
 
@@ -222,7 +234,7 @@ def test_distance_walked_in_a_full_scene():
     ]
     full = scene(things, [{"center": (0.5, 0.6, 0.5), "radius": 0.1, "half_height": 0.5}])
     targets = trot_targets(100)
-    theirs = c_rollout(scene_spec(full).compile(), standing(), targets, *GAIT)
+    theirs = c_rollout(scene_spec(full, A1).compile(), standing(), targets, *GAIT)
     ours, _ = rollout([standing(), standing()], [full, scene()], targets, [_gait()])
     assert theirs[-1, 0] > 0.8
     assert ours.qpos[0, -1, 0] == pytest.approx(theirs[-1, 0], rel=0.1)
@@ -234,7 +246,7 @@ def test_distance_walked_in_a_full_scene():
 def test_pushing_against_a_box_ends_where_it_does_in_c():
     box = scene([{"center": (0.7, 0.0, 0.5), "half": (0.1, 1.0, 0.5), "kind": OBSTACLE}])
     targets = trot_targets(60)
-    theirs = c_rollout(scene_spec(box).compile(), standing(), targets, *GAIT)
+    theirs = c_rollout(scene_spec(box, A1).compile(), standing(), targets, *GAIT)
     ours, outcome = rollout([standing()], [box], targets, [_gait()])
     assert outcome.obstacle_contact[0].any()
     assert abs(ours.qpos[0, -1, 0] - theirs[-1, 0]) < 0.05
@@ -255,12 +267,12 @@ def test_hard_landings_on_rough_ground_are_cs_with_the_same_planes():
     """C's own prisms push a deep foot sideways: on the same ground they lead elsewhere."""
     worlds = [jax.jit(get_task("heightfield").generate)(jax.random.PRNGKey(i)) for i in range(world.BATCH)]
     velocity, targets = np.eye(18)[0] - 3.0 * np.eye(18)[2], world.still(5)
-    starts = [standing(1.6, 0.3 * i - 0.5, 0.06 + a1.STAND_HEIGHT) for i in range(world.BATCH)]
+    starts = [standing(1.6, 0.3 * i - 0.5, 0.06 + A1.stand_height) for i in range(world.BATCH)]
     states = [PhysicsState(jp.asarray(q), jp.asarray(velocity, jp.float32), jp.zeros(18)) for q in starts]
     ours, _ = rollout(states, worlds, targets, [_gait()] * world.BATCH)
     with_planes, with_prisms = [], []
     for found, start, one in zip(ours.qpos, starts, worlds, strict=True):
-        c_model = scene_spec(one).compile()
+        c_model = scene_spec(one, A1).compile()
         for errors, step in ((with_planes, TerrainContacts(c_model).step), (with_prisms, None)):
             errors.append(np.abs(found - c_rollout(c_model, start, targets, *GAIT, qvel=velocity, step=step)))
     assert np.median(with_planes) < 5e-4  # the solver's iterations are those of training
@@ -282,9 +294,11 @@ def test_distance_walked_over_a_heightfield():
         starts = []
         for i, one in enumerate(worlds):
             x, y = jp.float32(1.2), jp.float32(0.3 * i - 0.5)  # the ground is flat up to 1.2 m from the origin
-            starts.append(standing(float(x), float(y), float(ground_height(one, x, y)) + a1.STAND_HEIGHT + 0.01))
+            starts.append(standing(float(x), float(y), float(ground_height(one, x, y)) + A1.stand_height + 0.01))
         ours.append(rollout(starts, worlds, targets, [_gait()])[0].qpos)
-        theirs += [c_rollout(scene_spec(w).compile(), s, targets, *GAIT) for w, s in zip(worlds, starts, strict=True)]
+        theirs += [
+            c_rollout(scene_spec(w, A1).compile(), s, targets, *GAIT) for w, s in zip(worlds, starts, strict=True)
+        ]
     ours, theirs = np.concatenate(ours), np.stack(theirs)
     walked, expected = np.mean(ours[:, -1, 0]) - 1.2, np.mean(theirs[:, -1, 0]) - 1.2
     assert expected > 0.3

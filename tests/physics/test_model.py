@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.errors import UserError
-from loco_mjx.physics.kinematics import RADII, SPHERES
-from loco_mjx.physics.model import a1_xml_path, build
+from loco_mjx.physics.model import build
+from loco_mjx.robots import LEGS, PARTS, joint_names
+from tests.known_robots import A1
 
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
@@ -24,7 +24,7 @@ PRINCIPAL = {
 
 @pytest.fixture(scope="module")
 def robot() -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_path(str(a1_xml_path()))
+    return mujoco.MjModel.from_xml_path(str(A1.path))
 
 
 def _inertia(model: mujoco.MjModel, name: str) -> np.ndarray:
@@ -38,15 +38,15 @@ def _inertia(model: mujoco.MjModel, name: str) -> np.ndarray:
 def test_size_and_mass(robot):
     assert (robot.nbody - 1, robot.nq, robot.nv, robot.nu) == (13, 19, 18, 12)
     assert robot.body_mass.sum() == pytest.approx(12.453, abs=1e-6)
-    assert robot.opt.timestep == a1.PHYSICS_DT
+    assert robot.opt.timestep == A1.physics_dt
     np.testing.assert_allclose(robot.opt.gravity, [0, 0, -9.81])
 
 
 def test_order_limits_and_motors(robot):
-    assert [robot.joint(i + 1).name for i in range(12)] == list(a1.JOINTS)
+    assert [robot.joint(i + 1).name for i in range(12)] == list(joint_names())
     assert [robot.actuator(i).trnid[0] for i in range(12)] == list(range(1, 13))
-    np.testing.assert_allclose(robot.jnt_range[1:, 0], a1.JOINT_LOWER)
-    np.testing.assert_allclose(robot.jnt_range[1:, 1], a1.JOINT_UPPER)
+    np.testing.assert_allclose(robot.jnt_range[1:, 0], A1.lower)
+    np.testing.assert_allclose(robot.jnt_range[1:, 1], A1.upper)
     np.testing.assert_allclose(robot.actuator_ctrlrange, [[-33.5, 33.5]] * 12)
     np.testing.assert_allclose(robot.actuator_gear[:, 0], 1.0)
     np.testing.assert_allclose(robot.dof_armature[6:], 0.01)
@@ -64,7 +64,7 @@ def test_trunk_inertia(robot):
     assert robot.body("trunk").mass[0] == MASS["trunk"]
 
 
-@pytest.mark.parametrize("leg", a1.LEGS)
+@pytest.mark.parametrize("leg", LEGS)
 def test_links(robot, leg):
     front, left = (1 if leg[0] == "F" else -1), (1 if leg[1] == "L" else -1)
     com = {
@@ -73,7 +73,7 @@ def test_links(robot, leg):
         "calf": (0.00472659, 0.0, -0.131975),
     }
     pos = {"hip": (front * 0.183, left * 0.047, 0), "thigh": (0, left * 0.08505, 0), "calf": (0, 0, -0.2)}
-    for part in a1.PARTS:
+    for part in PARTS:
         body = robot.body(f"{leg}_{part}")
         assert body.mass[0] == MASS[part]
         np.testing.assert_allclose(body.ipos, com[part])
@@ -83,7 +83,7 @@ def test_links(robot, leg):
 
 def test_legs_mirror_each_other(robot):
     mirror_y, mirror_x = np.diag([1, -1, 1]), np.diag([-1, 1, 1])
-    for part in a1.PARTS:
+    for part in PARTS:
         right, left = _inertia(robot, f"FR_{part}"), _inertia(robot, f"FL_{part}")
         np.testing.assert_allclose(mirror_y @ right @ mirror_y, left, atol=2e-8)
     front, rear = _inertia(robot, "FL_hip"), _inertia(robot, "RL_hip")
@@ -92,11 +92,11 @@ def test_legs_mirror_each_other(robot):
 
 
 def test_spheres_collide_with_scenes_only(robot):
-    spheres = {robot.geom(name).id for name in SPHERES}
+    spheres = {robot.geom(name).id for name in A1.spheres}
     colliding = set(np.flatnonzero(robot.geom_contype | robot.geom_conaffinity))
     assert colliding == spheres
     assert {int(robot.geom_type[g]) for g in spheres} == {int(mujoco.mjtGeom.mjGEOM_SPHERE)}
-    np.testing.assert_allclose([robot.geom(name).size[0] for name in SPHERES], RADII)
+    np.testing.assert_allclose([robot.geom(name).size[0] for name in A1.spheres], A1.radii)
     assert not any(robot.geom_contype[a] & robot.geom_conaffinity[b] for a in spheres for b in spheres)
     assert {robot.geom_group[g] for g in spheres} == {4}
     assert set(robot.geom_group) - {4} == {1}
@@ -107,7 +107,7 @@ def test_depth_camera_looks_ahead(robot):
     mujoco.mj_resetDataKeyframe(robot, data, robot.key("stand").id)
     mujoco.mj_forward(robot, data)
     camera, site = data.camera("depth_camera"), data.site("depth_camera")
-    np.testing.assert_allclose(camera.xpos, [0.2309, 0, a1.STAND_HEIGHT])
+    np.testing.assert_allclose(camera.xpos, [0.2309, 0, A1.stand_height])
     np.testing.assert_allclose(site.xpos, camera.xpos)
     # A camera's own axes: x right, y up, it looks along −z.
     np.testing.assert_allclose(camera.xmat.reshape(3, 3).T, [[0, -1, 0], [0, 0, 1], [-1, 0, 0]], atol=1e-12)
@@ -118,7 +118,7 @@ def test_stands_on_the_ground_at_stand_height(robot):
     data = mujoco.MjData(robot)
     mujoco.mj_resetDataKeyframe(robot, data, robot.key("stand").id)
     mujoco.mj_forward(robot, data)
-    lowest = [data.geom(name).xpos[2] - a1.FOOT_RADIUS for name in SPHERES[:4]]
+    lowest = [data.geom(name).xpos[2] - A1.leg_radii[0] for name in A1.spheres[:4]]
     np.testing.assert_allclose(lowest, 0.0, atol=1e-4)
 
 
@@ -133,4 +133,4 @@ def test_stands_on_the_ground_at_stand_height(robot):
 )
 def test_senseless_sizes_are_refused_by_name(config, slots, name):
     with pytest.raises(UserError, match=name):
-        build(config, slots)
+        build(A1, config, slots)

@@ -9,9 +9,9 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx.physics import arrow, solver
-from loco_mjx.physics.rows import Constraints
-from loco_mjx.physics.stage import Stage
+from loco_mjx.physics import block_matrix, solver
+from loco_mjx.physics.efc import Constraints
+from loco_mjx.physics.xla import FusionBarrier
 
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
@@ -34,16 +34,16 @@ def _constraints(rng: np.random.Generator) -> Constraints:
     draw = lambda *shape: jp.asarray(rng.normal(size=(*shape, N)), jp.float32)  # noqa: E731
     weight = lambda *shape: jp.asarray(rng.uniform(size=(*shape, N)) * rng.integers(0, 2, (*shape, N)), jp.float32)  # noqa: E731
     return Constraints(
-        legs=draw(9, rows, 4),
-        leg_reference=draw(rows, 4),
-        leg_weight=weight(SLOTS + REST, 4),
+        leg_J=draw(9, rows, 4),
+        leg_aref=draw(rows, 4),
+        leg_D=weight(SLOTS + REST, 4),
         friction=jp.asarray(rng.uniform(0.4, 1.2, N), jp.float32),
-        trunk=draw(6, TRUNK),
-        trunk_reference=draw(TRUNK),
-        trunk_weight=weight(TRUNK),
-        limit_sign=jp.sign(draw(3, 4)),
-        limit_reference=draw(3, 4),
-        limit_weight=weight(3, 4),
+        trunk_J=draw(6, TRUNK),
+        trunk_aref=draw(TRUNK),
+        trunk_D=weight(TRUNK),
+        limit_J=jp.sign(draw(3, 4)),
+        limit_aref=draw(3, 4),
+        limit_D=weight(3, 4),
     )
 
 
@@ -52,27 +52,27 @@ def _dense_rows(constraints: Constraints, n: int) -> tuple[np.ndarray, np.ndarra
     c = jax.tree.map(lambda x: np.asarray(x, np.float64)[..., n], constraints)
     jacobian, reference, weight = [], [], []
     for leg in range(4):
-        wide = np.zeros((c.legs.shape[1], 18))
-        wide[:, :6], wide[:, 6 + 3 * leg : 9 + 3 * leg] = c.legs[:6, :, leg].T, c.legs[6:, :, leg].T
+        wide = np.zeros((c.leg_J.shape[1], 18))
+        wide[:, :6], wide[:, 6 + 3 * leg : 9 + 3 * leg] = c.leg_J[:6, :, leg].T, c.leg_J[6:, :, leg].T
         for slot in range(SLOTS):
             for tangent in (1, 2):
                 for sign in (1, -1):
                     other = tangent * SLOTS + slot
                     jacobian.append(wide[slot] + sign * c.friction * wide[other])
-                    reference.append(c.leg_reference[slot, leg] + sign * c.friction * c.leg_reference[other, leg])
-                    weight.append(c.leg_weight[slot, leg])
+                    reference.append(c.leg_aref[slot, leg] + sign * c.friction * c.leg_aref[other, leg])
+                    weight.append(c.leg_D[slot, leg])
         for rest in range(REST):
             jacobian.append(wide[3 * SLOTS + rest])
-            reference.append(c.leg_reference[3 * SLOTS + rest, leg])
-            weight.append(c.leg_weight[SLOTS + rest, leg])
+            reference.append(c.leg_aref[3 * SLOTS + rest, leg])
+            weight.append(c.leg_D[SLOTS + rest, leg])
         for joint in range(3):
-            jacobian.append(c.limit_sign[joint, leg] * np.eye(18)[6 + 3 * leg + joint])
-            reference.append(c.limit_reference[joint, leg])
-            weight.append(c.limit_weight[joint, leg])
+            jacobian.append(c.limit_J[joint, leg] * np.eye(18)[6 + 3 * leg + joint])
+            reference.append(c.limit_aref[joint, leg])
+            weight.append(c.limit_D[joint, leg])
     for t in range(TRUNK):
-        jacobian.append(np.concatenate([c.trunk[:, t], np.zeros(12)]))
-        reference.append(c.trunk_reference[t])
-        weight.append(c.trunk_weight[t])
+        jacobian.append(np.concatenate([c.trunk_J[:, t], np.zeros(12)]))
+        reference.append(c.trunk_aref[t])
+        weight.append(c.trunk_D[t])
     return np.array(jacobian), np.array(reference), np.array(weight)
 
 
@@ -100,33 +100,33 @@ def _solve(problem, iterations: int, ls_iterations: int, more: int = 0) -> np.nd
     dense, force, start, constraints = problem
     single = lambda x: jp.asarray(x, jp.float32)  # noqa: E731
     out = solver.solve(
-        Stage(),
-        solver.Problem(arrow.from_dense(single(dense)), arrow.split(single(force)), constraints),
-        arrow.split(single(start)),
+        FusionBarrier(),
+        solver.Problem(block_matrix.from_dense(single(dense)), block_matrix.split(single(force)), constraints),
+        block_matrix.split(single(start)),
         iterations,
         ls_iterations,
         more,
     )
-    return np.asarray(arrow.join(out), np.float64)
+    return np.asarray(block_matrix.join(out), np.float64)
 
 
 def test_split_and_join_are_inverse():
     vector = jp.arange(18.0 * N).reshape(18, N)
-    parts = arrow.split(vector)
-    np.testing.assert_array_equal(arrow.join(parts), vector)
+    parts = block_matrix.split(vector)
+    np.testing.assert_array_equal(block_matrix.join(parts), vector)
     np.testing.assert_array_equal(parts.joints[1, 2], vector[6 + 3 * 2 + 1])  # thigh of the third leg
 
 
-def test_arrow_algebra_is_dense_algebra(problem):
+def test_block_algebra_is_dense_algebra(problem):
     dense, force, _, _ = problem
-    matrix = arrow.from_dense(jp.asarray(dense, jp.float32))
-    vector = arrow.split(jp.asarray(force, jp.float32))
-    product = arrow.join(arrow.multiply(matrix, vector))
+    matrix = block_matrix.from_dense(jp.asarray(dense, jp.float32))
+    vector = block_matrix.split(jp.asarray(force, jp.float32))
+    product = block_matrix.join(block_matrix.multiply(matrix, vector))
     np.testing.assert_allclose(product, np.einsum("ijn,jn->in", dense, force), rtol=1e-4, atol=1e-3)
-    solution = arrow.join(arrow.solve(matrix, vector))
+    solution = block_matrix.join(block_matrix.solve(matrix, vector))
     expected = np.stack([np.linalg.solve(dense[:, :, n], force[:, n]) for n in range(N)], axis=1)
     np.testing.assert_allclose(solution, expected, rtol=2e-3, atol=1e-4)
-    np.testing.assert_allclose(arrow.inner(vector, vector), (force**2).sum(axis=0), rtol=1e-5)
+    np.testing.assert_allclose(block_matrix.inner(vector, vector), (force**2).sum(axis=0), rtol=1e-5)
 
 
 def test_gauss_jordan():
@@ -134,7 +134,7 @@ def test_gauss_jordan():
     root = rng.normal(size=(N, 5, 5))
     matrix, right = root @ root.transpose(0, 2, 1) + np.eye(5), rng.normal(size=(N, 5, 2))
     both = np.moveaxis(np.concatenate([matrix, right], axis=2), 0, -1).astype(np.float32)
-    solved = np.moveaxis(np.asarray(arrow.gauss_jordan(jp.asarray(both))), -1, 0)
+    solved = np.moveaxis(np.asarray(block_matrix.gauss_jordan(jp.asarray(both))), -1, 0)
     np.testing.assert_allclose(solved, np.linalg.solve(matrix, right), rtol=1e-3, atol=1e-4)
 
 

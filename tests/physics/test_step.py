@@ -9,15 +9,16 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx import a1
-from loco_mjx.physics.kinematics import RADII, sphere_centers
+from loco_mjx.physics.kinematics import sphere_centers
 from loco_mjx.physics.step import PhysicsState, control_step, initial_state, nominal_dynamics
 from loco_mjx.scene.types import OBSTACLE, STEP, WALL
+from tests.known_robots import A1
 from tests.physics.world import (
     BATCH,
     DEFAULT,
     GAIT_KD,
     GAIT_KP,
+    nominal,
     physics,
     rollout,
     scene,
@@ -39,8 +40,8 @@ def _gait():
 def _lowest_gap(states: PhysicsState, surface) -> float:
     """Smallest value of surface(x, y, z) − radius over all spheres and states, m."""
     flat = states.qpos.reshape(-1, 19)
-    x, y, z = jax.vmap(sphere_centers)(flat)
-    return float(np.min(surface(np.asarray(x), np.asarray(y), np.asarray(z)) - np.asarray(RADII)))
+    x, y, z = jax.vmap(lambda qpos: sphere_centers(A1, qpos))(flat)
+    return float(np.min(surface(np.asarray(x), np.asarray(y), np.asarray(z)) - np.asarray(A1.radii)))
 
 
 def test_dropped_robot_settles_at_the_height_its_gains_hold():
@@ -50,7 +51,7 @@ def test_dropped_robot_settles_at_the_height_its_gains_hold():
     np.testing.assert_allclose(states.qpos[0, -1, 3:7], [1, 0, 0, 0], atol=0.05)
     assert not outcome.obstacle_contact.any()
     # Standing still, the motors' torques are what holds the legs: τ = kp (target − angle).
-    final = a1.KP * (still(1)[0] - states.qpos[0, -1, 7:])
+    final = A1.kp * (still(1)[0] - states.qpos[0, -1, 7:])
     assert outcome.torque_squared[0, -1] == pytest.approx(np.sum(final**2), rel=0.01)
 
 
@@ -67,13 +68,13 @@ def test_outcome_traces_the_step():
 
 
 def test_free_fall():
-    limp = dataclasses.replace(nominal_dynamics(), strength=jp.zeros(12))
+    limp = dataclasses.replace(nominal(), strength=jp.zeros(12))
     states, outcome = rollout([standing(height=2.0)], [scene()], still(5), [limp])
-    time = 5 * a1.CONTROL_DT
+    time = 5 * A1.control_dt
     # Semi-implicit Euler falls half a physics step further than ½ g t².
-    expected = 2.0 - 0.5 * a1.GRAVITY * time * (time + a1.PHYSICS_DT)
+    expected = 2.0 - 0.5 * 9.81 * time * (time + A1.physics_dt)
     assert states.qpos[0, -1, 2] == pytest.approx(expected, abs=1e-4)
-    assert states.qvel[0, -1, 2] == pytest.approx(-a1.GRAVITY * time, rel=1e-4)
+    assert states.qvel[0, -1, 2] == pytest.approx(-9.81 * time, rel=1e-4)
     assert outcome.torque_squared.max() == 0.0
 
 
@@ -115,7 +116,7 @@ def test_everything_beneath_the_robot_carries_it():
     blocks = [{"center": (x, 0.0, 0.1), "half": (0.04, 0.04, 0.1)} for x in (-0.1, 0.0, 0.1)]
     tiles = [{"center": (x, y, 0.1), "half": (0.15, 0.15, 0.1)} for x in (-0.3, 0.0, 0.3) for y in (-0.3, 0.0, 0.3)]
     worlds = [scene([*blocks, *stones]), scene(tiles), scene([*tiles[::-1]]), scene()]
-    states, outcome = rollout([standing(height=0.2 + a1.STAND_HEIGHT)], worlds, still(10), [_gait()])
+    states, outcome = rollout([standing(height=0.2 + A1.stand_height)], worlds, still(10), [_gait()])
     height = states.qpos[:, -1, 2]
     np.testing.assert_allclose(height[:3], height[0], atol=2e-3)
     assert height[0] > 0.2 + SAG and height[3] < 0.35
@@ -126,7 +127,7 @@ def test_friction_decides_whether_feet_slide():
     settled, _ = rollout([standing()], [scene()], still(20))
     settled = jax.tree.map(lambda x: jp.asarray(x[0, -1]), settled)
     slide = dataclasses.replace(settled, qvel=settled.qvel.at[0].add(0.5))
-    grip, ice = nominal_dynamics(friction=1.0), nominal_dynamics(friction=0.1)
+    grip, ice = nominal(friction=1.0), nominal(friction=0.1)
     states, _ = rollout([slide], [scene()], still(12), [grip, ice])
     went = states.qpos[:2, -1, 0] - settled.qpos[0]
     assert went[0] < 0.0  # it stops, and swings back on its legs
@@ -134,7 +135,7 @@ def test_friction_decides_whether_feet_slide():
 
 
 def test_randomisation_changes_what_it_should():
-    base = nominal_dynamics()
+    base = nominal()
     change = dataclasses.replace
     variants = [
         change(base, mass=jp.float32(1.2)),
@@ -142,11 +143,11 @@ def test_randomisation_changes_what_it_should():
         change(base, strength=jp.full(12, 0.8)),
     ]
     states, _ = rollout([standing()], [scene()], still(50), [base, *variants])
-    nominal, heavy, stiff, weak = states.qpos[:, -1, 2]
+    usual, heavy, stiff, weak = states.qpos[:, -1, 2]
     # What the legs give way by is in proportion to the weight they carry, and to the inverse of their stiffness.
-    assert heavy < nominal - 0.004
-    assert stiff > nominal + 0.01
-    assert weak < nominal - 0.004
+    assert heavy < usual - 0.004
+    assert stiff > usual + 0.01
+    assert weak < usual - 0.004
 
     falling = PhysicsState(jp.asarray(standing(height=1.0)), jp.zeros(18).at[6:].set(3.0), jp.zeros(18))
     limp = change(base, strength=jp.zeros(12))
@@ -165,7 +166,7 @@ def test_randomisation_changes_what_it_should():
 def test_joint_limits_hold():
     beyond = np.tile(np.array([[2.0, 0.9, 0.5] * 4], np.float32), (15, 1))
     states, _ = rollout([standing(height=3.0)], [scene()], beyond)
-    overshoot = np.maximum(states.qpos[0, -1, 7:] - np.array(a1.JOINT_UPPER), 0.0)
+    overshoot = np.maximum(states.qpos[0, -1, 7:] - np.array(A1.upper), 0.0)
     assert 0.0 < overshoot.max() < 0.06  # kp would push it on by 1.2 rad
 
 
@@ -173,9 +174,9 @@ def test_one_environment_is_what_a_batch_of_it_is():
     world, target = scene([{"center": (0.3, 0.1, 0.05), "half": (0.2, 0.2, 0.05)}]), jp.asarray(trot_targets(3)[2])
     state = initial_state(standing(height=0.29))
     model = physics(DEFAULT)
-    alone = jax.jit(lambda *args: control_step(model, *args))(state, world, target, nominal_dynamics())
+    alone = jax.jit(lambda *args: control_step(model, *args))(state, world, target, nominal())
     spread = lambda tree: jax.tree.map(lambda x: jp.broadcast_to(x, (BATCH, *jp.shape(x))), tree)  # noqa: E731
-    many = stepper(DEFAULT)(spread(state), spread(world), spread(target), spread(nominal_dynamics()))
+    many = stepper(DEFAULT)(spread(state), spread(world), spread(target), spread(nominal()))
     # Not to the last bit: another program rounds otherwise, and a landing magnifies it.
     for name, tolerance in {"qpos": 2e-3, "qvel": 0.1}.items():
         np.testing.assert_allclose(getattr(alone[0], name), getattr(many[0], name)[1], atol=tolerance)
@@ -194,7 +195,7 @@ def test_a_broken_environment_stays_broken_and_alone():
 
 
 def test_states_keep_their_types():
-    state, world, how = initial_state(standing()), scene(), nominal_dynamics()
+    state, world, how = initial_state(standing()), scene(), nominal()
     model = physics(DEFAULT)
     after, outcome = jax.eval_shape(lambda *args: control_step(model, *args), state, world, jp.zeros(12), how)
     for before, new in zip(jax.tree.leaves(state), jax.tree.leaves(after), strict=True):
@@ -205,7 +206,7 @@ def test_states_keep_their_types():
 
 def test_no_lapack():
     """Two CPU devices that call LAPACK at once can wait for each other for ever (jaxlib 0.10); physics must not."""
-    start = jax.tree.map(lambda x: jp.stack([x] * BATCH), (initial_state(standing()), scene(), nominal_dynamics()))
+    start = jax.tree.map(lambda x: jp.stack([x] * BATCH), (initial_state(standing()), scene(), nominal()))
     lowered = stepper(DEFAULT).lower(start[0], start[1], jp.zeros((BATCH, 12)), start[2])
     assert "lapack" not in lowered.as_text()
 
@@ -225,7 +226,7 @@ def test_seeds_of_environments_are_one_larger_batch():
     """Two nested vmaps compute with all environments on the last axis: no loop over seeds, no axis of their own."""
 
     def step(state, scene):
-        targets, dynamics = jp.asarray(still(1)[0]), nominal_dynamics()
+        targets, dynamics = jp.asarray(still(1)[0]), nominal()
         return control_step(physics((1, 1, 1)), state, scene, targets, dynamics)
 
     one = (initial_state(standing()), scene())

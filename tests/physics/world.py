@@ -11,11 +11,12 @@ import jax.numpy as jp
 import mujoco
 import numpy as np
 
-from loco_mjx import a1
 from loco_mjx.config import PhysicsConfig
-from loco_mjx.physics.model import PhysicsModel, a1_xml_path, build
-from loco_mjx.physics.step import Dynamics, Outcome, PhysicsState, control_step, initial_state, nominal_dynamics
+from loco_mjx.physics.model import PhysicsModel, build
+from loco_mjx.physics.step import Dynamics, PhysicsState, SubstepTrace, control_step, initial_state, nominal_dynamics
+from loco_mjx.robots import LEGS, Robot
 from loco_mjx.scene.types import STEP, Boxes, Cylinders, Scene, Spheres, Terrain
+from tests.known_robots import A1
 
 BATCH = 4  # environments in every rollout, so that the tests share one compiled program
 BOXES, TREES = 9, 1  # likewise
@@ -31,27 +32,27 @@ STRIDE, LIFT, HEIGHT = 0.06, 0.05, 0.25  # m: half a stride, how high a foot swi
 GAIT_KP, GAIT_KD = 80.0, 1.0
 
 
-def trot(time: float) -> np.ndarray:
+def trot(time: float, robot: Robot = A1) -> np.ndarray:
     """Joint targets (12,) of a trot at a time, rad: diagonal pairs swing in turn."""
     targets = []
-    for leg in a1.LEGS:
+    for leg in LEGS:
         phase = (time / PERIOD + (0.0 if leg in ("FR", "RL") else 0.5)) % 1.0
         swing = phase < 0.5
         along = -np.cos(2 * np.pi * phase) if swing else 1.0 - 4.0 * (phase - 0.5)
         x, down = STRIDE * along, HEIGHT - (LIFT * np.sin(2 * np.pi * phase) if swing else 0.0)
-        calf = -2.0 * np.arccos(np.hypot(x, down) / (2 * a1.LINK_LENGTH))
+        calf = -2.0 * np.arccos(np.hypot(x, down) / (2 * robot.thigh_length))
         targets += [0.0, np.arctan2(-x, down) - 0.5 * calf, calf]
     return np.array(targets, np.float32)
 
 
-def trot_targets(steps: int) -> np.ndarray:
+def trot_targets(steps: int, robot: Robot = A1) -> np.ndarray:
     """(steps, 12) targets of the trot, one per control step."""
-    return np.stack([trot(i * a1.CONTROL_DT) for i in range(steps)])
+    return np.stack([trot(i * robot.control_dt, robot) for i in range(steps)])
 
 
 def still(steps: int) -> np.ndarray:
     """(steps, 12) targets of standing."""
-    return np.tile(np.array(a1.DEFAULT_POSE, np.float32), (steps, 1))
+    return np.tile(np.array(A1.default_pose, np.float32), (steps, 1))
 
 
 def scene(boxes: Sequence[dict] = (), trees: Sequence[dict] = (), terrain: Terrain | None = None) -> Scene:
@@ -78,23 +79,28 @@ def scene(boxes: Sequence[dict] = (), trees: Sequence[dict] = (), terrain: Terra
     return Scene(made, none, cylinders, terrain, jp.zeros(3))
 
 
-def standing(x: float = 0.0, y: float = 0.0, height: float = a1.STAND_HEIGHT) -> np.ndarray:
+def standing(x: float = 0.0, y: float = 0.0, height: float = A1.stand_height) -> np.ndarray:
     """(19,) configuration in the default pose."""
-    return np.array([x, y, height, 1.0, 0.0, 0.0, 0.0, *a1.DEFAULT_POSE], np.float32)
+    return np.array([x, y, height, 1.0, 0.0, 0.0, 0.0, *A1.default_pose], np.float32)
 
 
 @functools.cache
 def physics(iterations: Iterations) -> PhysicsModel:
     """The physics with a solver's settings."""
     every, line, more = iterations
-    return build(PhysicsConfig(iterations=every, ls_iterations=line, more_iterations=more))
+    return build(A1, PhysicsConfig(iterations=every, ls_iterations=line, more_iterations=more))
 
 
 @functools.cache
-def stepper(iterations: Iterations) -> Callable[..., tuple[PhysicsState, Outcome]]:
+def stepper(iterations: Iterations) -> Callable[..., tuple[PhysicsState, SubstepTrace]]:
     """control_step of BATCH environments, compiled."""
     model = physics(iterations)
     return jax.jit(jax.vmap(lambda *args: control_step(model, *args)))
+
+
+def nominal(friction: float = 1.0) -> Dynamics:
+    """The A1 under its own gains."""
+    return nominal_dynamics(A1.kp, A1.kd, friction)
 
 
 def batch(items: Sequence[Any]) -> Any:
@@ -109,7 +115,7 @@ def rollout(
     targets: np.ndarray,
     dynamics: Sequence[Dynamics] | None = None,
     iterations: Iterations = DEFAULT,
-) -> tuple[PhysicsState, Outcome]:
+) -> tuple[PhysicsState, SubstepTrace]:
     """States after each control step and outcomes, leading axes (environments, steps), of up to BATCH environments.
 
     Args:
@@ -120,7 +126,7 @@ def rollout(
         iterations: of the solver and its line search.
     """
     state = batch([start if isinstance(start, PhysicsState) else initial_state(start) for start in starts])
-    world, how = batch(worlds), batch(dynamics or [nominal_dynamics()])
+    world, how = batch(worlds), batch(dynamics or [nominal()])
     spread = targets if targets.ndim == 3 else targets[None]
     wide = np.concatenate([spread, *[spread[-1:]] * (BATCH - spread.shape[0])])
     states, outcomes = [], []
@@ -133,9 +139,9 @@ def rollout(
     )
 
 
-def flat_c_model() -> mujoco.MjModel:
-    """The A1 over the plane z = 0 in C MuJoCo."""
-    spec = mujoco.MjSpec.from_file(str(a1_xml_path()))
+def flat_c_model(robot: Robot = A1) -> mujoco.MjModel:
+    """A robot over the plane z = 0 in C MuJoCo."""
+    spec = mujoco.MjSpec.from_file(str(robot.path))
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=2, conaffinity=1)
     return spec.compile()
 
@@ -144,8 +150,8 @@ def c_rollout(
     model: mujoco.MjModel,
     qpos: np.ndarray,
     targets: np.ndarray,
-    kp: float = a1.KP,
-    kd: float = a1.KD,
+    kp: float = A1.kp,
+    kd: float = A1.kd,
     qvel: np.ndarray | float = 0.0,
     step: Callable[[mujoco.MjData], object] | None = None,
 ) -> np.ndarray:
@@ -155,9 +161,9 @@ def c_rollout(
     data.qpos[:19], data.qvel[:18] = qpos, qvel
     history = []
     for target in targets:
-        for _ in range(a1.SUBSTEPS):
+        for _ in range(A1.substeps):
             torque = kp * (target - data.qpos[7:19]) - kd * data.qvel[6:18]
-            data.ctrl[:] = np.clip(torque, -a1.TORQUE_LIMIT, a1.TORQUE_LIMIT)
+            data.ctrl[:] = np.clip(torque, *model.actuator_ctrlrange.T)
             mujoco.mj_step(model, data) if step is None else step(data)
         history.append(data.qpos[:19].copy())
     return np.array(history)

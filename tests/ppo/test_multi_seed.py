@@ -11,9 +11,9 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx.mesh import make_mesh
 from loco_mjx.ppo.multi_seed import SeedsTrainer
 from loco_mjx.ppo.trainer import Trainer
+from loco_mjx.sharding import make_mesh
 from tests.ppo.probes import SignProbe, tiny
 
 SEEDS = (4, 0, 9)  # not in order, so that a place taken for a seed shows

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from loco_mjx.errors import UserError
-from loco_mjx.mesh import make_mesh
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.actor import Actor
 from loco_mjx.ppo.trainer import Trainer
+from loco_mjx.sharding import make_mesh
 from tests.ppo.probes import BrokenProbe, Probe, tiny
 
 

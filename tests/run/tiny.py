@@ -15,9 +15,9 @@ from jax.sharding import Mesh
 
 from loco_mjx.config import Config, EnvConfig, NetworkConfig, PPOConfig
 from loco_mjx.env.state import State
-from loco_mjx.mesh import make_mesh
 from loco_mjx.ppo.multi_seed import SeedsTrainer
 from loco_mjx.ppo.trainer import Trainer
+from loco_mjx.sharding import make_mesh
 
 HORIZON = 10
 

@@ -10,12 +10,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from loco_mjx import a1
+from loco_mjx.robots import LEGS
 from loco_mjx.scene.mjcf import KIND_NAMES, home_qpos, place_boxes, scene_spec, scene_xml
 from loco_mjx.scene.motion import move
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import OBSTACLE, STEP
+from tests.known_robots import A1
 from tests.scene.scenes import one
 
 SAMPLES = Path(__file__).resolve().parents[2] / "mjcf"
@@ -26,7 +27,7 @@ BOX, CYLINDER, SPHERE = (
 
 @cache
 def compiled(task: str) -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string(scene_xml(one(task)))
+    return mujoco.MjModel.from_xml_string(scene_xml(one(task), A1))
 
 
 def at_home(model: mujoco.MjModel) -> mujoco.MjData:
@@ -88,7 +89,7 @@ def test_the_goal_is_red_and_a_collected_sphere_is_gone():
     assert red > 3 * max(green, blue) and alpha == 1.0
     scene = one("thin-sphere")
     gone = replace(scene, spheres=replace(scene.spheres, collected=np.arange(scene.spheres.count) == 7))
-    model = scene_spec(gone).compile()
+    model = scene_spec(gone, A1).compile()
     assert mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "sphere_7") == -1
     assert model.geom("sphere_8").group[0] == 2
 
@@ -112,11 +113,11 @@ def test_the_heightfield_is_the_terrain_to_the_millimetre(task):
 def test_the_robot_stands_at_home(task):
     scene, model = one(task), compiled(task)
     data = at_home(model)
-    np.testing.assert_allclose(data.qpos, home_qpos(scene), atol=1e-6)
-    np.testing.assert_allclose(data.qpos[7:], a1.DEFAULT_POSE)
-    feet = {f"{leg}_foot_sphere" for leg in a1.LEGS}
+    np.testing.assert_allclose(data.qpos, home_qpos(scene, A1), atol=1e-6)
+    np.testing.assert_allclose(data.qpos[7:], A1.default_pose)
+    feet = {f"{leg}_foot_sphere" for leg in LEGS}
     touching = {model.geom(geom).name for contact in data.contact for geom in contact.geom} & feet
-    gap = [data.geom_xpos[model.geom(foot).id][2] - a1.FOOT_RADIUS for foot in feet]
+    gap = [data.geom_xpos[model.geom(foot).id][2] - A1.leg_radii[0] for foot in feet]
     assert touching == feet or np.allclose(gap, 0.0, atol=1e-3)
     assert all(abs(contact.dist) < 2e-3 for contact in data.contact)
     assert model.body_mass.sum() == pytest.approx(12.453, abs=1e-6) and model.nu == 12
@@ -125,9 +126,9 @@ def test_the_robot_stands_at_home(task):
 def test_start_and_heading():
     scene = one("stairs")
     top = float(scene.boxes.center[3, 0])
-    model = scene_spec(scene, start=(top, 0.5), yaw=0.7).compile()
+    model = scene_spec(scene, A1, start=(top, 0.5), yaw=0.7).compile()
     data = at_home(model)
-    np.testing.assert_allclose(data.qpos[:3], [top, 0.5, 0.4 + a1.STAND_HEIGHT], atol=1e-6)
+    np.testing.assert_allclose(data.qpos[:3], [top, 0.5, 0.4 + A1.stand_height], atol=1e-6)
     forward = data.body("trunk").xmat.reshape(3, 3)[:, 0]
     np.testing.assert_allclose(forward, [np.cos(0.7), np.sin(0.7), 0], atol=1e-9)
     assert data.ncon >= 4 and min(contact.dist for contact in data.contact) > -1e-3
@@ -151,12 +152,12 @@ def test_the_robot_is_stopped_by_contact_geoms():
     scene = one("thin-sphere")
     box = int(np.argmin(np.asarray(scene.boxes.center)[:135, 0]))
     x, y, _ = np.asarray(scene.boxes.center[box])
-    model = scene_spec(scene, start=(x - 0.7, y)).compile()
+    model = scene_spec(scene, A1, start=(x - 0.7, y)).compile()
     data = at_home(model)
     data.qpos[2], data.qvel[0] = 0.6, 1.0
     model.opt.gravity[:] = 0
     for _ in range(400):
-        data.ctrl[:] = 40 * (np.array(a1.DEFAULT_POSE) - data.qpos[7:]) - 0.6 * data.qvel[6:]
+        data.ctrl[:] = 40 * (np.array(A1.default_pose) - data.qpos[7:]) - 0.6 * data.qvel[6:]
         mujoco.mj_step(model, data)
         if data.ncon:
             break

@@ -17,6 +17,7 @@ from loco_mjx.networks.encoders import DepthEncoder, VisualTokens
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.show import drawing, meshes, video
+from tests.known_robots import A1
 
 DEPTH = DepthConfig()
 
@@ -161,7 +162,7 @@ def test_a_film_that_breaks_off_leaves_nothing(tmp_path):
 @pytest.mark.parametrize("task", ["thin-sphere", "mountain", "forest"])
 def test_triangles_are_the_geoms(task):
     """A ray hits the triangles where C MuJoCo's hits the geom, in the frame of the geom's body."""
-    model = scene_spec(jax.jit(get_task(task).generate)(jax.random.PRNGKey(0))).compile()
+    model = scene_spec(jax.jit(get_task(task).generate)(jax.random.PRNGKey(0)), A1).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     kinds = {}

@@ -13,10 +13,11 @@ from loco_mjx.scene.mjcf import home_qpos
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.show.rollout import Moment
 from loco_mjx.show.stage import BELOW, FIELD, Follower, goal_top
+from tests.known_robots import A1
 
 
 def moment(scene, start=(0.0, 0.0), yaw=0.0):
-    return Moment(home_qpos(scene, start, yaw), scene, None, None, 0, 0, 0.0, False)
+    return Moment(home_qpos(scene, A1, start, yaw), scene, None, None, 0, 0, 0.0, False)
 
 
 def seen(camera, point, ratio):

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.deploy.mujoco_robot import HIDDEN_GROUP, SEEN_GROUP
 from loco_mjx.deploy.observer import Observer
 from loco_mjx.scene import mjcf
@@ -19,13 +18,14 @@ from loco_mjx.simcheck.replay import LENGTH, Recorder, replay
 from loco_mjx.simcheck.run import _replayed as _replayed_figures
 from loco_mjx.simcheck.sides import WatchedRobot
 from tests.deploy import flat
+from tests.known_robots import A1
 from tests.physics import world
 
 STEPS = 130  # two windows, the first control steps of each at 0 and at 100
 AHEAD = {"center": (1.2, 0.3, 0.3), "half": (0.1, 0.4, 0.3), "kind": OBSTACLE}  # to be seen
 BEHIND = {"center": (-0.5, 0.0, 0.3), "half": (0.1, 0.6, 0.3), "kind": OBSTACLE}  # to be touched
 MANIFEST = flat.manifest()
-POSE = np.array(a1.DEFAULT_POSE)
+POSE = np.array(A1.default_pose)
 
 
 def _policy(obs):
@@ -37,7 +37,7 @@ def _policy(obs):
 
 
 def _robot(boxes=(AHEAD, BEHIND), camera=MANIFEST.camera):
-    return WatchedRobot(mjcf.scene_spec(world.scene(list(boxes))).compile(), camera, lying=False)
+    return WatchedRobot(mjcf.scene_spec(world.scene(list(boxes)), A1).compile(), camera, lying=False)
 
 
 def _state(robot, targets):
@@ -53,12 +53,12 @@ def _state(robot, targets):
 @pytest.fixture(scope="module")
 def recorded():
     """Windows of a robot in C, to be replayed in C."""
-    robot, observer, recorder, targets = _robot(), Observer(MANIFEST), Recorder(MANIFEST.hold, moving=False), POSE
+    robot, observer, recorder, targets = _robot(), Observer(MANIFEST), Recorder(MANIFEST.hold, False, POSE), POSE
     for t in range(STEPS):
         before = _state(robot, targets)
         targets = _policy(observer.observe(robot.read(), robot.depth(), targets))
         robot.forget()
-        for _ in range(a1.SUBSTEPS):
+        for _ in range(A1.substeps):
             robot.command(targets, MANIFEST.kp, MANIFEST.kd)
         recorder(t, before, _state(robot, targets), np.array([True]))
     return recorder.windows
@@ -97,7 +97,7 @@ def test_faults_show_where_they_are(recorded):
 def test_only_whole_seconds_count_and_windows_begin_where_the_policy_looks(monkeypatch):
     monkeypatch.setattr(replay_lib, "LENGTH", 6)
     monkeypatch.setattr(replay_lib, "APART", 10)
-    recorder, robot = Recorder(hold=4, moving=False), _robot()
+    recorder, robot = Recorder(4, False, POSE), _robot()
     for t in range(30):
         recorder(t, _state(robot, POSE), _state(robot, POSE + 0.01 * t), np.array([t < 16]))
     assert [window.targets[-1][0, 0] for window in recorder.windows] == pytest.approx([0.05, 0.17, 0.29])

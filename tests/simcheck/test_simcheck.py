@@ -6,15 +6,16 @@ import dataclasses
 import io
 import json
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 from rich.console import Console
 
-from loco_mjx import a1, make_env
+from loco_mjx import make_env
 from loco_mjx.cli.main import main
-from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig
+from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig, with_robot
 from loco_mjx.deploy import export, folder
 from loco_mjx.env.state import State
 from loco_mjx.scene.mjcf import scene_spec
@@ -23,19 +24,26 @@ from loco_mjx.simcheck import replay, report
 from loco_mjx.simcheck.run import compare, run
 from loco_mjx.simcheck.sides import CSide, WatchedRobot, start
 from tests.deploy import flat, made
+from tests.known_robots import A1, GO2
 from tests.physics import world
 
 HORIZON = 12
 BLIND = ObservationConfig(depth=DepthConfig(enabled=False))
 
 
-@pytest.fixture
-def policy(tmp_path, monkeypatch):
-    """A folder with a policy of random weights that flings its legs about."""
+@pytest.fixture(params=["a1", "go2 by its path"])
+def policy(tmp_path, monkeypatch, request):
+    """A folder with a policy of random weights that flings its legs about; the file of its robot is gone."""
+    robot = request.param
+    if robot != "a1":
+        robot = str(tmp_path / "mine.xml")
+        Path(robot).write_text(GO2.path.read_text().replace('model="go2"', 'model="mine"'))
     monkeypatch.setattr(export, "stablehlo", lambda policy: b"")
     random = made.policy("state-only")
     env = dataclasses.replace(random.config.env, observation=BLIND, horizon=HORIZON)
-    export.write(dataclasses.replace(random, config=dataclasses.replace(random.config, env=env)), tmp_path / "policy")
+    config = with_robot(dataclasses.replace(random.config, env=env), robot)
+    export.write(dataclasses.replace(random, config=config), tmp_path / "policy")
+    Path(robot).unlink(missing_ok=True)
     return tmp_path / "policy"
 
 
@@ -51,7 +59,7 @@ def test_both_sides_agree_while_chaos_has_not_begun(policy, capsys, monkeypatch)
     np.testing.assert_allclose(c["reward/energy"], mjx["reward/energy"], rtol=0.005)
     np.testing.assert_allclose(c["distance"], mjx["distance"], atol=0.001)
     assert min(np.abs(c["distance"])) > 0.02 or np.ptp(c["distance"]) > 0.02  # it does move
-    np.testing.assert_allclose(c["return"], mjx["return"], atol=0.001 / a1.CONTROL_DT)
+    np.testing.assert_allclose(c["return"], mjx["return"], atol=0.001 / A1.control_dt)
     row = result["metrics"]["distance"]
     assert row["difference"] == pytest.approx(row["c_mean"] - row["mjx_mean"])
     again = result["replay"]
@@ -87,11 +95,11 @@ def test_bad_input(policy, tmp_path, capsys):
 @pytest.mark.parametrize(("kind", "contact"), [(OBSTACLE, True), (STEP, False)])
 def test_contact_is_with_obstacles_not_with_what_one_stands_on(kind, contact):
     box = {"center": (0.0, 0.0, 0.0), "half": (0.5, 0.5, 0.005), "kind": kind}
-    robot = WatchedRobot(scene_spec(world.scene([box])).compile(), None, lying=False)
-    robot.data.qpos[2] = a1.STAND_HEIGHT + 0.004  # the feet 1 mm into the box
+    robot = WatchedRobot(scene_spec(world.scene([box]), A1).compile(), None, lying=False)
+    robot.data.qpos[2] = A1.stand_height + 0.004  # the feet 1 mm into the box
     squared = 0.0
     for _ in range(3):
-        robot.command(np.array(a1.DEFAULT_POSE), 40.0, 0.6)
+        robot.command(np.array(A1.default_pose), 40.0, 0.6)
         squared += np.sum(robot.data.ctrl**2)
     assert robot.data.ncon >= 4 and robot.contact == contact
     assert robot.torque_squared == pytest.approx(squared) and squared > 0.1
@@ -114,7 +122,7 @@ def test_moving_obstacles_are_where_the_environment_has_them():
         now = np.asarray(state.pipeline_state.scene.boxes.center[i, 7])
         np.testing.assert_allclose(robot.data.mocap_pos[body.mocapid[0]], now, atol=1e-6)
     moved = np.asarray(state.pipeline_state.scene.boxes.center - first.pipeline_state.scene.boxes.center)
-    assert np.abs(moved[:, :50, :2]).max() == pytest.approx(3 * a1.CONTROL_DT * 0.42, rel=0.15)
+    assert np.abs(moved[:, :50, :2]).max() == pytest.approx(3 * A1.control_dt * 0.42, rel=0.15)
 
 
 class Counting:

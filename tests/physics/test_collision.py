@@ -7,24 +7,24 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx import a1
 from loco_mjx.config import PhysicsConfig
-from loco_mjx.physics.kinematics import RADII, centers, pose
-from loco_mjx.physics.slots import (
+from loco_mjx.physics.collision import (
     Box,
     Cylinder,
     box_distance,
     box_plane,
+    broadphase,
     cylinder_distance,
     cylinder_plane,
     ground_plane,
-    near,
-    touch,
+    narrowphase,
 )
-from loco_mjx.physics.stage import Stage
+from loco_mjx.physics.kinematics import centers, pose
+from loco_mjx.physics.xla import FusionBarrier
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import OBSTACLE, STEP, WALL, Terrain
+from tests.known_robots import A1
 from tests.physics.world import scene, standing
 
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
@@ -112,7 +112,7 @@ def test_near_keeps_the_boxes_whose_surfaces_are_nearest():
     long = {"center": (0.0, 3.0, 0.0), "half": (30.0, 0.1, 1.0), "kind": WALL}  # centre far, side near: 2.85 m
     small = [{"center": (x, 0.0, 0.0), "half": (0.1, 0.1, 1.0), "kind": OBSTACLE} for x in (29.0, 33.5, 40.0)]
     world = scene([long, *small], [{"center": (30.0, 1.0, 0.0), "radius": 0.2, "half_height": 1.0}])
-    picked = near(world, jp.asarray(standing(30.0)), PhysicsConfig(near_boxes=2, near_cylinders=5))
+    picked = broadphase(world, A1, jp.asarray(standing(30.0)), PhysicsConfig(near_boxes=2, near_cylinders=5))
     np.testing.assert_allclose(picked.boxes.center[:, 0], [29.0, 0.0])
     # Obstacles' contact boxes are 5 cm larger per side in x and y.
     np.testing.assert_allclose(picked.boxes.half[0], [0.15, 0.15, 1.0], rtol=1e-6)
@@ -124,11 +124,11 @@ def test_near_is_what_is_near_a_foot_not_what_is_near_the_trunk():
     """Blocks under the belly are nearer to the trunk than the stones are that the feet stand on."""
     stones = [{"center": (x, y, 0.05), "half": (0.05, 0.05, 0.05)} for x in (-0.183, 0.183) for y in (-0.13, 0.13)]
     blocks = [{"center": (x, 0.0, 0.1), "half": (0.04, 0.04, 0.1)} for x in (-0.05, 0.0, 0.05)]
-    robot = jp.asarray(standing(height=0.1 + a1.STAND_HEIGHT))
-    all_of_them = near(scene([*blocks, *stones]), robot, PhysicsConfig())
+    robot = jp.asarray(standing(height=0.1 + A1.stand_height))
+    all_of_them = broadphase(scene([*blocks, *stones]), A1, robot, PhysicsConfig())
     assert all_of_them.dropped == 0
     assert np.sum(np.abs(all_of_them.boxes.center[:, 0]) < 1.0) == 7
-    four = near(scene([*blocks, *stones]), robot, PhysicsConfig(near_boxes=4))
+    four = broadphase(scene([*blocks, *stones]), A1, robot, PhysicsConfig(near_boxes=4))
     np.testing.assert_allclose(np.abs(four.boxes.center[:, 0]), 0.183, rtol=1e-6)
 
 
@@ -138,12 +138,12 @@ def test_what_is_left_out_within_reach_is_counted():
     ]
     trees = [{"center": (x, 0.0, 0.3), "radius": 0.05, "half_height": 0.3} for x in (-0.2, -0.1, 0.1, 0.2, 9.0)]
     robot, far = jp.asarray(standing()), jp.asarray(standing(x=5.0))
-    within = [int(near(scene([box], trees[4:]), robot, PhysicsConfig(near_boxes=0)).dropped) for box in ring]
+    within = [int(broadphase(scene([box], trees[4:]), A1, robot, PhysicsConfig(near_boxes=0)).dropped) for box in ring]
     assert 3 < sum(within) < len(ring)
-    counted = near(scene(ring, trees), robot, PhysicsConfig(near_boxes=3, near_cylinders=2)).dropped
+    counted = broadphase(scene(ring, trees), A1, robot, PhysicsConfig(near_boxes=3, near_cylinders=2)).dropped
     assert counted == sum(within) - 3 + 2
-    assert near(scene(ring, trees), robot, PhysicsConfig(near_boxes=10, near_cylinders=4)).dropped == 0
-    assert near(scene(ring, trees), far, PhysicsConfig(near_boxes=1, near_cylinders=1)).dropped == 0
+    assert broadphase(scene(ring, trees), A1, robot, PhysicsConfig(near_boxes=10, near_cylinders=4)).dropped == 0
+    assert broadphase(scene(ring, trees), A1, far, PhysicsConfig(near_boxes=1, near_cylinders=1)).dropped == 0
 
 
 @pytest.mark.parametrize("task", ["wide", "moving", "heightfield", "random-shape", "indoor", "forest", "stairs"])
@@ -154,21 +154,22 @@ def test_no_task_has_more_near_the_robot_than_is_felt(task):
         # x ~ U(−1, 72) m, y ~ U(−2, 2) m, yaw ~ U(−π, π), standing on the ground
         x, y = (jax.random.uniform(k, (64,), minval=a, maxval=b) for k, a, b in ((x_key, -1, 72), (y_key, -2, 2)))
         half = jax.random.uniform(yaw_key, (64,), minval=-np.pi / 2, maxval=np.pi / 2)
-        z = jax.vmap(lambda x, y: ground_height(world, x, y))(x, y) + a1.STAND_HEIGHT
+        z = jax.vmap(lambda x, y: ground_height(world, x, y))(x, y) + A1.stand_height
         place = jp.stack([x, y, z, jp.cos(half), 0 * half, 0 * half, jp.sin(half)], axis=1)
-        robots = jp.concatenate([place, jp.broadcast_to(jp.array(a1.DEFAULT_POSE), (64, 12))], axis=1)
-        return jax.vmap(lambda robot: near(world, robot, PhysicsConfig()).dropped)(robots)
+        robots = jp.concatenate([place, jp.broadcast_to(jp.array(A1.default_pose), (64, 12))], axis=1)
+        return jax.vmap(lambda robot: broadphase(world, A1, robot, PhysicsConfig()).dropped)(robots)
 
     counts = jax.jit(lambda keys: jax.lax.map(left_out, keys))(jax.random.split(jax.random.PRNGKey(1), 8))
     assert int(counts.max()) == 0
 
 
 def _touch(boxes: list[dict], trees: list[dict] = (), slots: int = 1, height: float = 1.0):
-    """Slots of one robot in the default pose, its trunk at `height`, over boxes; environments' axis dropped."""
-    picked = near(scene(boxes, trees), jp.asarray(standing(height=height)), PhysicsConfig())
+    """ContactSlots of one robot in the default pose, its trunk at `height`, over boxes; environments' axis dropped."""
+    picked = broadphase(scene(boxes, trees), A1, jp.asarray(standing(height=height)), PhysicsConfig())
     last = jax.tree.map(lambda x: x[..., None], picked)
     return jax.tree.map(
-        lambda x: x[..., 0], touch(Stage(), last, centers(pose(standing(height=height)[:, None])), slots)
+        lambda x: x[..., 0],
+        narrowphase(FusionBarrier(), last, A1, centers(A1, pose(A1, standing(height=height)[:, None])), slots),
     )
 
 
@@ -195,12 +196,12 @@ def test_second_slot_holds_the_second_nearest():
 def test_other_spheres_have_the_nearest_of_ground_and_obstacles():
     table = {"center": (0.2, 0.0, 0.9), "half": (0.01, 0.01, 0.02), "kind": STEP}  # just below the trunk's front
     found = _touch([table])
-    np.testing.assert_allclose(found.trunk.distance[0], 0.08 - RADII[-1], atol=1e-5)
+    np.testing.assert_allclose(found.trunk.distance[0], 0.08 - A1.radii[-1], atol=1e-5)
     np.testing.assert_allclose([n[0] for n in found.trunk.normal], (0, 0, 1), atol=1e-5)
     # From the rear sphere, 0.4 m behind: the table's edge, 0.39 m ahead and 0.08 m below.
-    np.testing.assert_allclose(found.trunk.distance[1], np.hypot(0.39, 0.08) - RADII[-1], atol=1e-5)
+    np.testing.assert_allclose(found.trunk.distance[1], np.hypot(0.39, 0.08) - A1.radii[-1], atol=1e-5)
     alone = _touch([])
-    np.testing.assert_allclose(alone.trunk.distance, 1.0 - RADII[-1], atol=1e-6)
+    np.testing.assert_allclose(alone.trunk.distance, 1.0 - A1.radii[-1], atol=1e-6)
     np.testing.assert_allclose(alone.hips.distance, 1.0 - 0.045, atol=1e-6)
 
 

@@ -1,4 +1,4 @@
-"""Vectors and matrices over the A1's 18 degrees of freedom, and the linear systems they make.
+"""Vectors and matrices over a robot's 18 degrees of freedom, and the linear systems they make.
 
 What moves the robot couples its base to each leg, but no leg to another, so its matrices have the shape of an arrow: a
 6 × 6 block for the base, a 3 × 3 block for each leg, and a 3 × 6 block between each leg and the base. Eliminating the
@@ -13,19 +13,19 @@ import jax
 import jax.numpy as jp
 import numpy as np
 
-from loco_mjx.physics.stage import add_up, total
+from loco_mjx.physics.xla import add_up, total
 
 BASE, JOINTS, LEGS = 6, 3, 4  # degrees of freedom of the base, and of a leg; legs
 
 
-class Motion(NamedTuple):
+class DofVector(NamedTuple):
     """A vector over the degrees of freedom: base (6, N), joints (3, 4, N), hip, thigh, calf."""
 
     base: jax.Array
     joints: jax.Array
 
 
-class Arrow(NamedTuple):
+class BlockMatrix(NamedTuple):
     """A symmetric matrix.
 
     Attributes:
@@ -39,35 +39,35 @@ class Arrow(NamedTuple):
     joints: jax.Array
 
 
-def split(vector: jax.Array) -> Motion:
-    """The parts of an (18, N) array."""
-    return Motion(vector[:BASE], jp.swapaxes(vector[BASE:].reshape(LEGS, JOINTS, -1), 0, 1))
+def split(vector: jax.Array) -> DofVector:
+    """A vector over the degrees of freedom (18, N) as its parts."""
+    return DofVector(vector[:BASE], jp.swapaxes(vector[BASE:].reshape(LEGS, JOINTS, -1), 0, 1))
 
 
-def join(vector: Motion) -> jax.Array:
-    """The (18, N) array of its parts."""
+def join(vector: DofVector) -> jax.Array:
+    """The (18, N) array of a vector's parts: the inverse of :func:`split`."""
     joints = jp.swapaxes(vector.joints, 0, 1)
     return jp.concatenate([vector.base, joints.reshape(LEGS * JOINTS, -1)])
 
 
-def from_dense(matrix: jax.Array) -> Arrow:
-    """The parts of an (18, 18, N) array."""
+def from_dense(matrix: jax.Array) -> BlockMatrix:
+    """A symmetric matrix (18, 18, N) as its blocks; what is between two legs is left out, for it is 0."""
     rows = jp.moveaxis(matrix[BASE:].reshape(LEGS, JOINTS, BASE + LEGS * JOINTS, -1), 0, 2)
     own = [rows[:, BASE + JOINTS * leg : BASE + JOINTS * (leg + 1), leg] for leg in range(LEGS)]
-    return Arrow(matrix[:BASE, :BASE], rows[:, :BASE], jp.stack(own, axis=2))
+    return BlockMatrix(matrix[:BASE, :BASE], rows[:, :BASE], jp.stack(own, axis=2))
 
 
-def inner(a: Motion, b: Motion) -> jax.Array:
+def inner(a: DofVector, b: DofVector) -> jax.Array:
     """Dot product (N,)."""
     return total(a.base * b.base) + total(total(a.joints * b.joints))
 
 
-def multiply(matrix: Arrow, vector: Motion) -> Motion:
+def multiply(matrix: BlockMatrix, vector: DofVector) -> DofVector:
     """Matrix times vector."""
     onto_base = total(matrix.coupling * vector.joints[:, None])  # (6, 4, N)
     base = add_up(matrix.base[:, c] * vector.base[c] for c in range(BASE))
     joints = add_up(matrix.coupling[:, c] * vector.base[c] for c in range(BASE))
-    return Motion(
+    return DofVector(
         base + add_up(onto_base[:, leg] for leg in range(LEGS)),
         joints + add_up(matrix.joints[:, j] * vector.joints[j] for j in range(JOINTS)),
     )
@@ -95,7 +95,7 @@ def gauss_jordan(matrix: jax.Array) -> jax.Array:
     return jax.lax.fori_loop(0, n, step, matrix)[:, n:]
 
 
-def solve(matrix: Arrow, vector: Motion) -> Motion:
+def solve(matrix: BlockMatrix, vector: DofVector) -> DofVector:
     """Solves matrix · x = vector for a positive definite matrix."""
     right = vector.joints[:, None]
     solved = gauss_jordan(jp.concatenate([matrix.joints, matrix.coupling, right], axis=1))  # (3, 7, 4, N)
@@ -103,4 +103,4 @@ def solve(matrix: Arrow, vector: Motion) -> Motion:
     onto_base = add_up(gain[:, :, leg] for leg in range(LEGS))
     left = jp.concatenate([matrix.base, vector.base[:, None]], axis=1)
     x = gauss_jordan(left - onto_base)[:, 0]
-    return Motion(x, solved[:, BASE] - add_up(solved[:, c] * x[c] for c in range(BASE)))
+    return DofVector(x, solved[:, BASE] - add_up(solved[:, c] * x[c] for c in range(BASE)))

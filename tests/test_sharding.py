@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.sharding import PartitionSpec as P
 
-from loco_mjx.mesh import AXIS, dividing, make_mesh, spread
+from loco_mjx.sharding import AXIS, dividing, make_mesh, spread
 
 
 def test_arguments_without_elements_arrive_as_each_device_s_share():

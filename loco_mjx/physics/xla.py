@@ -16,8 +16,8 @@ import jax.numpy as jp
 T = TypeVar("T")
 
 
-class Stage:
-    """Makes XLA finish what a function computes before anything else uses it.
+class FusionBarrier:
+    """Keeps XLA from computing a function's result again for each of its consumers.
 
     On CPUs XLA fuses cheap arithmetic into every one of its uses and computes it again for each, which for this much
     arithmetic costs more than anything else, and its own optimization barrier is gone by the time it fuses. A branch
@@ -26,7 +26,7 @@ class Stage:
     """
 
     def __init__(self, always: jax.Array | None = None) -> None:
-        """`always` is a scalar that is true, in a way that XLA cannot know while it compiles; None: no staging."""
+        """`always` is a scalar that is true, in a way that XLA cannot know while it compiles; None: no barrier."""
         self._always = always
 
     def __call__(self, function: Callable[..., T], *args: Any) -> T:

@@ -1,7 +1,7 @@
 """From a scene to contact slots: for every sphere of the robot, the tangent plane of what is nearest to it.
 
-Once per control step the few boxes and cylinders within reach are picked (:func:`near`); in every physics step each
-sphere is measured against those and the ground (:func:`touch`). The cost does not depend on how much the scene holds.
+Broadphase: once per control step the few boxes and cylinders within reach are picked. Narrowphase: in every physics
+step each sphere is measured against those and the ground. The cost does not depend on how much the scene holds.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ import numpy as np
 from flax import struct
 
 from loco_mjx.config import PhysicsConfig
-from loco_mjx.physics.kinematics import LEGS, RADII, Vector, column, sphere_centers
-from loco_mjx.physics.stage import Stage
+from loco_mjx.physics.kinematics import LEGS, Vector, column, sphere_centers
+from loco_mjx.physics.xla import FusionBarrier
+from loco_mjx.robots import Robot
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.types import COLLISION_MARGIN, STEP, Scene, Terrain
 
@@ -41,8 +42,8 @@ class Cylinder(NamedTuple):
 
 
 @struct.dataclass
-class Near:
-    """What may touch the robot within one control step.
+class Candidates:
+    """What the broadphase leaves: all that may touch the robot within one control step.
 
     Attributes:
         boxes: K of them, on the first axis.
@@ -71,7 +72,7 @@ class Planes(NamedTuple):
     normal: Vector
 
 
-class Slots(NamedTuple):
+class ContactSlots(NamedTuple):
     """Contact slots of all spheres.
 
     Attributes:
@@ -80,7 +81,7 @@ class Slots(NamedTuple):
         knees: planes (4,): the nearest of everything, which has friction, then the others of the feet's, which have
             none: a robot on its knees leans against walls.
         calves: (4,) the nearest of everything.
-        trunk: (6,) the nearest of everything.
+        trunk: (T,) the nearest of everything.
         hit: bool, whether any sphere touches an obstacle or a wall.
     """
 
@@ -106,17 +107,18 @@ def _kept(shapes: Box | Cylinder, distance: jax.Array, count: int) -> tuple[Any,
     return jax.tree.map(lambda a: a[pick], shapes), pick, jp.maximum(within - number, 0)
 
 
-def near(scene: Scene, qpos: jax.Array, config: PhysicsConfig) -> Near:
+def broadphase(scene: Scene, robot: Robot, qpos: jax.Array, config: PhysicsConfig) -> Candidates:
     """Picks the boxes and cylinders nearest to the robot's spheres, and counts what is left out within their reach.
 
     Args:
         scene: the world.
-        qpos: (19,) configuration of the robot.
+        robot: whose spheres.
+        qpos: (19,) its configuration.
         config: how many to keep (`near_boxes`, `near_cylinders`).
     """
-    point = sphere_centers(qpos)
+    point = sphere_centers(robot, qpos)
     gap = lambda distance, shapes: jp.min(  # noqa: E731
-        jax.vmap(lambda shape: distance(point, shape) - column(RADII, point[0]))(shapes), axis=1
+        jax.vmap(lambda shape: distance(point, shape) - column(robot.radii, point[0]))(shapes), axis=1
     )
     boxes, cylinders = scene.boxes, scene.cylinders
     turn = jp.stack([jp.cos(boxes.yaw), jp.sin(boxes.yaw)], axis=-1)
@@ -126,7 +128,7 @@ def near(scene: Scene, qpos: jax.Array, config: PhysicsConfig) -> Near:
     gaps = gap(cylinder_distance, every_cylinder)
     near_cylinders, _, more_cylinders = _kept(every_cylinder, gaps, config.near_cylinders)
     solid = boxes.kind[pick] != STEP
-    return Near(near_boxes, solid, near_cylinders, scene.terrain, more_boxes + more_cylinders)
+    return Candidates(near_boxes, solid, near_cylinders, scene.terrain, more_boxes + more_cylinders)
 
 
 def _sub(point: Vector, center: jax.Array) -> Vector:
@@ -225,7 +227,7 @@ class _Ranking(NamedTuple):
     hit: jax.Array
 
 
-def _rank(scene: Near, point: Vector, radii: np.ndarray, count: int) -> _Ranking:
+def _rank(scene: Candidates, point: Vector, radii: np.ndarray, count: int) -> _Ranking:
     """Runs through boxes, then cylinders, keeping the `count` nearest of each sphere without sorting."""
     distances = [
         distances_to(scene.boxes, box_distance, point),
@@ -265,30 +267,33 @@ def _gathered(shapes: Box | Cylinder, index: jax.Array) -> Box | Cylinder:
     return jax.tree.map(select, shapes)
 
 
-def touch(stage: Stage, scene: Near, point: Vector, obstacle_slots: int) -> Slots:
+def narrowphase(
+    barrier: FusionBarrier, scene: Candidates, robot: Robot, point: Vector, obstacle_slots: int
+) -> ContactSlots:
     """Contact slots of all spheres, of N environments.
 
     Args:
-        stage: how to compute intermediate results once.
+        barrier: keeps XLA from computing intermediate results again.
         scene: what is near; each array's last axis is over environments, the terrain's first.
-        point: x, y, z of the spheres' centres, each (22, N), m, in the order of kinematics.SPHERES.
+        robot: whose spheres.
+        point: x, y, z of their centres, each (S, N), m, in the order of `robot.spheres`.
         obstacle_slots: per foot and knee, how many of the nearest boxes and cylinders beside the ground.
     """
-    radii = column(RADII, point[0])
-    floor = stage(ground_plane, scene.terrain, point)
-    ranking = stage(lambda: _rank(scene, point, radii, obstacle_slots))
+    radii = column(robot.radii, point[0])
+    floor = barrier(ground_plane, scene.terrain, point)
+    ranking = barrier(lambda: _rank(scene, point, radii, obstacle_slots))
     ranked = zip(ranking.distance, ranking.number, strict=True)
-    nearest = [stage(_plane_of, scene, point, distance, number) for distance, number in ranked]
-    single = stage(lambda: _choose(nearest[0].distance < floor.distance, nearest[0], floor))
+    nearest = [barrier(_plane_of, scene, point, distance, number) for distance, number in ranked]
+    single = barrier(lambda: _choose(nearest[0].distance < floor.distance, nearest[0], floor))
     cut = lambda plane, a, b: jax.tree.map(lambda x: x[a:b], plane._replace(distance=plane.distance - radii))  # noqa: E731
     feet = tuple(cut(plane, 0, LEGS) for plane in (floor, *nearest))
-    other = stage(lambda: _choose(nearest[0].distance < floor.distance, floor, nearest[0]))
+    other = barrier(lambda: _choose(nearest[0].distance < floor.distance, floor, nearest[0]))
     knees = tuple(cut(plane, 2 * LEGS, 3 * LEGS) for plane in (single, other, *nearest[1:]))
     hips, calves, trunk = (cut(single, a * LEGS, b and b * LEGS) for a, b in ((1, 2), (3, 4), (4, None)))
-    return Slots(feet, hips, knees, calves, trunk, ranking.hit)
+    return ContactSlots(feet, hips, knees, calves, trunk, ranking.hit)
 
 
-def _plane_of(scene: Near, point: Vector, distance: jax.Array, index: jax.Array) -> Planes:
+def _plane_of(scene: Candidates, point: Vector, distance: jax.Array, index: jax.Array) -> Planes:
     """Tangent planes of the boxes or cylinders of the given indices; those at the distance FAR are of nothing."""
     plane = Planes(jp.full_like(distance, FAR), tuple(jp.zeros_like(c) for c in point))  # type: ignore[arg-type]
     count = scene.boxes.center.shape[0]
