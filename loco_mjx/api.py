@@ -42,8 +42,8 @@ def configure(preset: str = "fast", keys: Mapping[str, Any] | None = None, **top
     Args:
         preset: "paper", "fast" or "real".
         keys: values by key of the configuration, as `loco-mjx train --help-all` lists them: `env.reward.alive`.
-        **top: what has no group: `policy`, `method`, `seed`; and, as on the command line, `task`, `robot`, `num_envs` and
-            `total_steps`.
+        **top: what has no group: `policy`, `method`, `seed`; and, as on the command line, `task`, `robot`, `num_envs`
+            and `total_steps`.
 
     Raises:
         UserError: if a name or a key is unknown, or a value is not accepted.
