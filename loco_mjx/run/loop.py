@@ -66,7 +66,7 @@ class Single:
 
 @dataclass(frozen=True)
 class LoopOptions:
-    """When to save and to evaluate; none of it changes what is learnt."""
+    """When to save and to evaluate; it does not change what is learnt."""
 
     checkpoint_minutes: Annotated[float, Range(0, 100_000)] = 5.0
     """Minutes between checkpoints; one is also written at each evaluation, at the end, and when stopped."""
@@ -134,7 +134,7 @@ def run_group(
         UserError: if their checkpoints cannot be used or the disk cannot be written; at the end, if one diverged.
     """
     samples = 0
-    alone = jax.process_count() == 1  # of several processes none may leave the others waiting
+    alone = jax.process_count() == 1  # one of several processes may not leave: the others would wait for it
     with Stop(reporter.say, alone, reporter.close) as stop, contextlib.ExitStack() as files:
         try:
             state, samples = _resume(learner, runs, reporter)
@@ -238,7 +238,7 @@ class _Loop:
             self.reporter.say(f"first iteration done {age:.0f} s after the command")
 
     def _refuse_divergence(self, rows: Sequence[Row], samples: int) -> None:
-        """Ends runs whose loss is no number before a checkpoint keeps it; whose environments broke are told of."""
+        """Ends runs whose loss is not finite, before a checkpoint keeps that; warns of environments that broke."""
         for log, row in zip(self.logs, rows, strict=True):
             if log.problem is None and not log.check(row, samples) and len(self.logs) > 1:
                 self.reporter.say(f"{log.problem}; the other seeds go on")
@@ -297,7 +297,7 @@ class _Loop:
         raise type(failure)(f"{failure}; saved at {samples:,} samples") from failure
 
     def _save(self, state: Any, samples: int) -> None:
-        """Writes all runs' checkpoints; where one cannot be written, the others are."""
+        """Writes all runs' checkpoints; if one cannot be written, the others still are."""
         problems: list[UserError] = []
         for log, part in zip(self.logs, self.learner.split(state), strict=True):
             if log.problem is None:

@@ -23,7 +23,7 @@ FIGURES = (
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people say them: 42 s, 7 min, 2.8 h."""
+    """A duration in a readable unit: 42 s, 7 min, 2.8 h."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
