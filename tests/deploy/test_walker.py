@@ -15,6 +15,8 @@ from loco_mjx.whole_body.config import WholeBodyConfig
 from tests.deploy import flat
 from tests.known_robots import A1
 
+pytest.importorskip("quadprog")  # the extra `mpc`
+
 
 def walker(wanted=lambda time: (0.3, 0.2), robot=None, **more):
     return Walker(A1, wanted, robot or MujocoRobot(flat.model(), None), clock=flat.clock, patience=5.0, **more)

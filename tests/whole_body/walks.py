@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+import pytest
 
 from loco_mjx.robots import LEGS, Robot
 from loco_mjx.whole_body import controller, library, odometry
@@ -15,6 +16,8 @@ from loco_mjx.whole_body.arrays import rotation
 from loco_mjx.whole_body.config import TICK, WholeBodyConfig
 from loco_mjx.whole_body.legs import Body, body_of
 from tests.known_robots import A1
+
+pytest.importorskip("quadprog")  # the extra `mpc`
 
 CONFIG = WholeBodyConfig()
 BODY = body_of(A1)
