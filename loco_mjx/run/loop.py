@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from signal import SIGPIPE
+from signal import SIGINT, SIGPIPE
 from typing import Annotated, Any, NoReturn, Protocol
 
 import jax
@@ -271,8 +271,10 @@ class _Loop:
         return done in (1, self.ppo.iterations) or done % every == 0
 
     def _signal(self) -> int | None:
-        """The signal that came; a reader of the output who leaves counts as one."""
-        return self.stop.signal or (SIGPIPE if self.reporter.lost is not None else None)
+        """The signal that came; a reader of the output who leaves counts as one, and whoever asked the reporter."""
+        if self.stop.signal or self.reporter.lost is not None:
+            return self.stop.signal or SIGPIPE
+        return SIGINT if self.reporter.asked_to_stop else None
 
     def _failure(self) -> UserError | None:
         lost = self.reporter.lost
