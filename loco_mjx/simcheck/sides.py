@@ -29,7 +29,7 @@ from loco_mjx.physics.step import PhysicsState, SubstepTrace
 from loco_mjx.robots import LEGS, NJOINT
 from loco_mjx.scene import mjcf
 from loco_mjx.scene.types import Scene
-from loco_mjx.sharding import AXIS, spread
+from loco_mjx.sharding import AXIS, shard_map
 
 Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 KEYS = {STATE: "state", DEPTH: "pixels/depth"}
@@ -52,7 +52,7 @@ class MjxSide:
         self._mesh = mesh
         self._scale = np.tile(np.array(env.config.action.scale), len(LEGS))
         self._diagonal = env.config.action.diagonal
-        advance = spread(jax.vmap(env.step), mesh, P(AXIS), P(AXIS))
+        advance = shard_map(jax.vmap(env.step), mesh, P(AXIS), P(AXIS))
         # Arrays without elements would come back otherwise placed, and the second step would compile again.
         self._advance = jax.jit(advance, out_shardings=NamedSharding(mesh, P(AXIS)))
         self._held = DepthHold(manifest.hold)
