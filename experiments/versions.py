@@ -27,7 +27,9 @@ TABLE = ROOT / "docs" / "versions.md"
 PYTHONS = ("3.11", "3.12", "3.13")
 OLDEST, NEWEST, LOWEST = "oldest JAX", "newest JAX", "all lower bounds"
 ALSO = ("0.11.2",)  # versions of JAX, such as a GPU machine without a network may have
-EXTRAS = ("train", "export", "deploy")
+EXTRAS = ("train", "deploy")
+EXPORT = "export"  # of which our own policies need all but
+UNTRIED = "jax2onnx"  # which asks for newer versions of JAX and Flax than the rest does
 SHOWN = ("jax", "flax", "mujoco", "numpy")
 SMALL = "--ppo.num-envs 2 --ppo.unroll 4 --ppo.minibatch 8 --ppo.epochs 1 --ppo.pool-size 2 --total-steps 8"
 STEPS = {
@@ -48,11 +50,17 @@ Python.
 """
 
 
+def exporting() -> list[str]:
+    """What the export of our own policies needs beside the rest."""
+    specs = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"][EXPORT]
+    return [spec for spec in specs if not spec.startswith((UNTRIED, "loco-mjx"))]
+
+
 def lower_bounds() -> dict[str, str]:
     """The oldest version that pyproject.toml allows of every package that is tried."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    specs = [*project["dependencies"], *(spec for extra in EXTRAS for spec in extras[extra])]
+    specs = [*project["dependencies"], *(spec for extra in EXTRAS for spec in extras[extra]), *exporting()]
     found = (re.match(r"([\w-]+)>=([\d.]+)", spec) for spec in specs)
     return {match[1]: match[2] for match in found if match}
 
@@ -98,7 +106,7 @@ def attempt(version: str, asked: str, folder: Path) -> dict[str, str]:
     subprocess.run([python, "-m", "venv", str(venv)], check=True)
     own = str(venv / "bin" / "python")
     pip = [own, "-m", "pip", "--disable-pip-version-check"]
-    what = [f"{ROOT}[{','.join(EXTRAS)}]", *pins(asked)]
+    what = [f"{ROOT}[{','.join(EXTRAS)}]", *exporting(), *pins(asked)]
     row["install"], said = run([*pip, "install", "--quiet", "--no-compile", "--prefer-binary", *what], folder)
     if row["install"] != "ok":
         print(said[-2000:], file=sys.stderr)

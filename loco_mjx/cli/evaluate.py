@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import tyro
 
-from loco_mjx import policies
 from loco_mjx.cli.options import Step
 from loco_mjx.cli.output import one_object
 from loco_mjx.cli.parse import parse
@@ -54,22 +52,17 @@ def main(args: Sequence[str]) -> int:
         from loco_mjx.run import machine
 
         machine.set_up()
-        from loco_mjx.deploy import trained
+        from loco_mjx import api
         from loco_mjx.evaluation import multi_seed, report
 
-        how: dict[str, Any] = {
-            "task": options.task,
-            "episodes": options.episodes,
-            "seed": options.seed,
-            "stochastic": options.stochastic,
-            "randomize": options.randomize,
-        }
-        directory = policies.find(options.directory)
-        if trained.is_exported(directory):  # a folder to be left as it is
-            result = report.evaluate_policy(trained.load(directory, options.step), str(options.directory), **how)
-            show(result, report.table(result))
-            return 0
-        module: Any = multi_seed if multi_seed.holds_seeds(directory) else report
-        result = module.evaluate(directory, **how, step=options.step)
-        show(result, module.table(result))
+        result = api.evaluate(
+            options.directory,
+            options.task,
+            options.episodes,
+            options.seed,
+            options.stochastic,
+            options.randomize,
+            options.step,
+        )
+        show(result, (multi_seed if "seeds_trained" in result else report).table(result))
     return 0

@@ -74,7 +74,7 @@ def _guarded(words: Sequence[str], interrupt: Interrupt) -> int:
         return error.code
     except BrokenPipeError:  # whoever read our output has gone, e.g. `| head`
         return INTERRUPTED
-    except OSError as error:  # what every command may meet anywhere; other errors are bugs and keep their traceback
+    except OSError as error:  # errors of the system that any command may meet; others are bugs and keep their traceback
         if not is_full(error) and error.errno not in (errno.EACCES, errno.EROFS):
             raise
         _say(str(error))
@@ -82,7 +82,7 @@ def _guarded(words: Sequence[str], interrupt: Interrupt) -> int:
     except (KeyboardInterrupt, Exception) as error:
         if isinstance(error, Exception) and not interrupt.came:
             raise
-        _say("stopped")  # whatever a library has made of the interrupt
+        _say("stopped")  # a library may have turned the interrupt into an error of its own
         return INTERRUPTED
 
 

@@ -24,7 +24,7 @@ def asked(args: Sequence[str]) -> bool:
 
 
 def brief(kind: type[T], default: T, keys: Sequence[str]) -> tuple[type[T], T]:
-    """A dataclass and its defaults for the help alone, which leaves some of its fields out.
+    """A copy of a dataclass, and its defaults, without some of the fields: for the short help.
 
     Args:
         kind: the dataclass of options.
@@ -40,7 +40,7 @@ def brief(kind: type[T], default: T, keys: Sequence[str]) -> tuple[type[T], T]:
 
 
 def description(kind: type, names: Sequence[str], keys: Sequence[str], everything: bool) -> str:
-    """What stands above the options: what the command does, the names it accepts, where its other options are.
+    """The text above the options: what the command does, the names it accepts, where its other options are.
 
     Args:
         kind: the dataclass of options; its docstring comes first.

@@ -16,7 +16,7 @@ def print_anything() -> None:
 
 
 def check_text(words: Sequence[str]) -> None:
-    """Refuses words whose bytes are no text: such a path can be neither shown nor written into any file.
+    """Refuses words whose bytes cannot be decoded: such a path cannot be printed, nor written into a file.
 
     Raises:
         UserError: showing the first such word.

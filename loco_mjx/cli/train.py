@@ -197,7 +197,7 @@ def _check_short_forms(options: Options, args: Sequence[str]) -> None:
 
 
 def configuration(options: Options) -> Config:
-    """The run's configuration, but for a default number of samples.
+    """The run's configuration; the default number of samples is not decided here.
 
     Raises:
         UnknownNameError: if there is no policy of that name.

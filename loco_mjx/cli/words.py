@@ -1,4 +1,4 @@
-"""The options that a command line names, as they stand there; and the refusal of what says two things at once."""
+"""The options that a command line names, read before tyro does; and the refusal of contradictions among them."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _split(args: Sequence[str]) -> Iterator[tuple[str | None, str]]:
 def given(args: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
     """Each option named, in order, with the words after it up to the next one.
 
-    The last one's words may include some that belong to none: there is no telling without the options' types.
+    The words of the last option may include positional arguments: only the options' types could tell them apart.
     """
     found: list[tuple[str, tuple[str, ...]]] = []
     for arg in args:

@@ -180,7 +180,7 @@ class Plan:
         return ("--preset", self.preset, *as_options((*self.changes, *loop, ("total_steps", str(total)))))
 
     def cells(self, tasks: Sequence[str], variants: Sequence[Variant], seeds: Sequence[int]) -> list[Cell]:
-        """Every combination; a seed's whole comparison comes before the next seed's, so that it fills evenly.
+        """Every combination; all cells of a seed come before those of the next, so that all methods progress alike.
 
         Raises:
             UserError: as `group`, or if there is no such task to evaluate on.
@@ -215,9 +215,9 @@ class Measured:
 
 
 def measured(runs: Iterable[Path]) -> Measured | None:
-    """How fast those of the runs in some directories were trained that went on after their first iteration.
+    """How fast the runs in some directories were trained; None if none of them got beyond its first iteration.
 
-    That one holds the compilation; what it takes longer than the others is counted as such. None if none went on.
+    The first iteration includes the compilation: the time by which it is longer than the others counts as start.
     """
     samples = seconds = 0.0
     starts = []

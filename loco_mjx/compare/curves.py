@@ -59,9 +59,9 @@ def read_curve(run: Run, metric: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def over_seeds(curves: Sequence[tuple[np.ndarray, np.ndarray]]) -> Curve | None:
-    """Mean and deviation over the stretch that every seed has, at the points of the one with fewest there.
+    """Mean and deviation over the range of samples that all seeds cover, at the points of the seed with fewest.
 
-    Between its own points a seed is interpolated linearly. None if there are no curves or no common stretch.
+    Between its own points a seed is interpolated linearly. None if there are no curves or no common range.
     """
     curves = [curve for curve in curves if len(curve[0])]
     if not curves:

@@ -19,10 +19,10 @@ from loco_mjx.run.variant import Variant
 
 # Seconds, as measured on two cores; compilation uses one, so that more of them change little.
 START = {False: 50.0, True: 110.0}  # of `train`, without and with depth: imports and compilation, no program cached
-START_AGAIN = 25.0  # the same where another seed's programs are
+START_AGAIN = 25.0  # the same with the programs of another seed in the cache
 EVALUATE = 25.0  # of `evaluate`
 STEP = 0.0025  # a control step of few episodes side by side, on a CPU
-EVALUATED = 4.0  # samples evaluated in the time of one that is learnt from
+EVALUATED = 4.0  # evaluating is so much faster than training, per sample
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def kind_of(cell: Cell) -> Kind:
 def paces(cells: Sequence[Cell]) -> Paces:
     """How fast cells will be trained, by policy and method.
 
-    As such cells were here, else as a CPU does it; None where there is a GPU that nothing has run on.
+    Measured in cells that have run here, else estimated for a CPU; None if there is a GPU and nothing has run on it.
     """
     groups: dict[Kind, list[Cell]] = {}
     for cell in cells:
@@ -75,7 +75,7 @@ def _pace(group: Sequence[Cell]) -> Pace | None:
 
 
 def _measured_or(cpu_rate: float, config: Config, runs: Sequence[Path]) -> Pace | None:
-    """The pace of runs as they were trained here, else as a CPU does it; None where there is a GPU."""
+    """The pace of runs: measured if they have run here, else estimated for a CPU; None if there is a GPU."""
     here = measured(runs)
     if here is not None:
         return Pace(here.rate, here.start, here.start, False)
@@ -90,7 +90,7 @@ def seconds_left(
     done: Mapping[str, int] | None = None,
     begun: Collection[str] = (),
 ) -> float | None:
-    """Time for what is left of some cells, one after the other; None if that is not known of one of them.
+    """Seconds to finish some cells, one after the other; None if the pace of one of them is not known.
 
     Args:
         cells: to finish.

@@ -19,7 +19,7 @@ Runner = Callable[[list[str], Path, Callable[[], None]], int]
 
 
 def run_command(command: list[str], log: Path, tick: Callable[[], None]) -> int:
-    """Runs a command to its end; Ctrl-C stops it, so that it saves, and is raised when it has.
+    """Runs a command to its end. Ctrl-C stops it, lets it save, and is then raised here.
 
     It has a session of its own, so that a Ctrl-C reaches it once, from here.
     """

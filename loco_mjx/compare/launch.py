@@ -27,14 +27,14 @@ class Launcher(Protocol):
     """Where cells run."""
 
     def ready(self) -> contextlib.AbstractContextManager[None]:
-        """What must stand while cells run.
+        """A context in which cells can run, such as a connection to a cluster.
 
         Raises:
             UserError: if it cannot; nothing has been written then.
         """
 
     def launch(self, cells: Sequence[Cell], progress: Progress, ended: Ended) -> None:
-        """Runs cells, and hands each to `ended`; Ctrl-C stops them, so that they save, and is raised when they have."""
+        """Runs cells, and calls `ended` with each; Ctrl-C stops them, lets them save, and is then raised here."""
 
 
 @dataclass(frozen=True)

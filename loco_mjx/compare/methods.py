@@ -46,7 +46,7 @@ class Method:
         return results.over_seeds([one.metrics[metric] for one in self.evaluations])
 
     def figure(self, shown: DisplayedMetric) -> str:
-        """A metric in words: mean ± standard deviation over seeds; of one seed the mean."""
+        """A metric as text: mean ± standard deviation over seeds; of one seed the mean."""
         found = self.over_seeds(shown.name)
         if found is None:
             return NOTHING
@@ -57,7 +57,7 @@ class Method:
 def methods(evaluations: Sequence[Evaluation]) -> tuple[Method, ...]:
     """Evaluations put together by method and task: a task's own first, policies in the paper's order, others after.
 
-    Of a method the runs count that were trained on most samples.
+    Of each method only the runs that were trained on most samples count.
 
     Raises:
         UserError: if runs of one method were trained in different ways.

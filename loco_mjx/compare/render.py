@@ -23,7 +23,7 @@ OURS, THEIRS = "loco-mjx", "paper"
 
 @dataclass(frozen=True)
 class Block:
-    """A table of words.
+    """A table of text.
 
     Attributes:
         title: of it.

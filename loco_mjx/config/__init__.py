@@ -1,7 +1,7 @@
 """The configuration: the tree of its values, presets, what methods make of it, checks, and JSON."""
 
 from loco_mjx.config.checks import check
-from loco_mjx.config.keys import flatten, with_keys
+from loco_mjx.config.keys import flatten, with_keys, with_values
 from loco_mjx.config.methods import teacher_of, with_method
 from loco_mjx.config.presets import PRESETS, preset, with_robot
 from loco_mjx.config.tree import (
@@ -43,4 +43,5 @@ __all__ = [
     "with_keys",
     "with_method",
     "with_robot",
+    "with_values",
 ]

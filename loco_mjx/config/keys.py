@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal, Union
 
 from loco_mjx.config.presets import with_robot
@@ -37,21 +37,35 @@ def with_keys(config: Config, changes: Iterable[tuple[str, str]]) -> Config:
     Raises:
         UserError: if there is no such key, it has two values, or a value is not accepted.
     """
-    changes = list(changes)
-    for robot in (value for key, value in changes if key == ROBOT):  # whose own gains the others may then change
-        config = with_robot(config, robot)
-    tree, given = to_dict(config), dict[str, str]()
+    given: dict[str, str] = {}
     hints = {path: hint for path, _, hint in values(config)}
     for key, text in changes:
-        if key not in hints:
-            raise UnknownNameError("key", key, hints)
         if given.setdefault(key, text) != text:
             raise UserError(f"{key} is given twice, as {given[key]} and as {text}; accepted: once")
+    return with_values(config, {key: _parse(text, hints.get(key, str)) for key, text in given.items()})
+
+
+def with_values(config: Config, changes: Mapping[str, Any]) -> Config:
+    """A configuration with the values of some keys changed.
+
+    Args:
+        config: to start from.
+        changes: values by key: `{"ppo.clip": 0.1}`.
+
+    Raises:
+        UserError: if there is no such key, or a value is not accepted.
+    """
+    if ROBOT in changes:  # whose own gains the others may then change
+        config = with_robot(config, changes[ROBOT])
+    tree, known = to_dict(config), [path for path, _, _ in values(config)]
+    for key, value in changes.items():
+        if key not in known:
+            raise UnknownNameError("key", key, known)
         *groups, name = key.split(".")
         table = tree
         for group in groups:
             table = table[group]
-        table[name] = _parse(text, hints[key])
+        table[name] = value
     return from_dict(Config, tree)
 
 

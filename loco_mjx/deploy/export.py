@@ -12,10 +12,11 @@ import jax.numpy as jp
 import numpy as np
 from flax import traverse_util
 
-from loco_mjx.deploy import description, folder, graph, trained
+from loco_mjx.deploy import converted, description, folder, graph, trained
 from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
+from loco_mjx.networks.policies import POLICIES
 from loco_mjx.networks.policies import STATE as STATE_KEY
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.robots import LEGS, ROBOTS, get_robot, is_path
@@ -133,7 +134,17 @@ def stablehlo(policy: TrainedPolicy) -> bytes:
 
 
 def onnx_model(policy: TrainedPolicy) -> Any:
-    """The function as an ONNX model."""
+    """The function as an ONNX model.
+
+    Raises:
+        UserError: if the policy reads what only a simulator knows, or jax2onnx cannot write it.
+    """
+    name = policy.config.policy
+    if POLICIES.find(name).uses_privileged:
+        raise UserError(f"policy '{name}' has no ONNX graph: it reads what only a simulator knows")
+    if name not in graph.FEATURES:
+        mean, std = (np.asarray(x) for x in (policy.normalizer.mean, normalizer_lib.std(policy.normalizer)))
+        return converted.convert(name, target_function(policy), inputs(policy), mean, std)
     ends = graph.Ends(
         mean=np.asarray(policy.normalizer.mean),
         std=np.asarray(normalizer_lib.std(policy.normalizer)),

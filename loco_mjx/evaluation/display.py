@@ -9,7 +9,7 @@ from typing import Any
 PER_METRE = "collisions_per_metre"
 NOTHING = "—"  # where there is no figure
 _STEPS = "steps"
-# Metrics that repeat another where nothing sets the two apart: no goal, no contact before the first obstacle.
+# Metrics that are left out if they equal another one: without a goal, or if every contact is a collision.
 _TWINS = {"progress": "distance", "contacts": "collisions"}
 
 
@@ -68,14 +68,14 @@ UNITS = {"distance": "m", "progress": "m", "speed": "m/s"} | dict.fromkeys(("len
 
 
 def order(metrics: Mapping[str, Mapping[str, Any]], task: str) -> tuple[list[DisplayedMetric], list[str]]:
-    """What is shown of metrics, and the names of those left out because they were zero in every episode.
+    """The metrics to display, and the names of those left out because they were zero in every episode.
 
     Args:
         metrics: mean and std of each.
         task: that they are of.
 
     Returns:
-        First what every task has, there or not; then what something came of; and what is zero.
+        The metrics of every task first, measured or not; then others that are not zero; and the names of the zero ones.
     """
     known = {one.name: one for one in FOLLOWING}
     others = [name for name in metrics if name not in known and name not in {one.name for one in LEADING}]

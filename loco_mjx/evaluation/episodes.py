@@ -24,7 +24,7 @@ from loco_mjx.sharding import AXIS, shard_map
 
 CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
 ACCELERATOR_CHUNK = 1024
-EARLY_SECONDS = 16.0  # what 1,000 steps of the authors' code last; the paper prints 25 Hz, its code runs at 62.5 Hz
+EARLY_SECONDS = 16.0  # 1,000 steps of the authors' code; the paper prints 25 Hz, its code runs at 62.5 Hz
 EARLY_STEPS = round(EARLY_SECONDS * 25)  # control steps of the robots that come with the package
 EARLY = {"distance": "distance_16s", "collisions": "collisions_16s"}  # metrics that are also summed over that time
 WALKED = 1.0  # m, mean distance below which collisions per metre say nothing
@@ -122,7 +122,7 @@ class Evaluator:
         devices = self.mesh.size
         limit = CHUNK if self.mesh.devices.flat[0].platform == "cpu" else ACCELERATOR_CHUNK
         chunk = min(limit, episodes)
-        chunk = -(-chunk // devices) * devices  # the devices share it evenly; what is too much is run and left out
+        chunk = -(-chunk // devices) * devices  # a multiple of the devices; what is too many is run and dropped
         total = -(-episodes // chunk) * chunk
         params, normalizer = jax.device_put((params, normalizer), NamedSharding(self.mesh, P()))
         keys = jax.vmap(partial(keys_of, seed))(jp.arange(total))
@@ -179,9 +179,9 @@ def summarize(figures: Figures) -> dict[str, dict[str, float]]:
 
 
 def _per_metre(figures: Figures) -> dict[str, dict[str, float]]:
-    """All collisions over all metres, rather than a mean of ratios, which one robot that stands still would spoil.
+    """All collisions over all metres; a mean of the episodes' ratios would be ruined by one robot that stands still.
 
-    Its deviation is that of an episode's share in it: of (collisions − ratio · distance) / mean distance.
+    Its deviation is that of (collisions − ratio · distance) / mean distance over the episodes.
     """
     if not {"collisions", "distance"} <= set(figures) or np.mean(figures["distance"]) < WALKED:
         return {}

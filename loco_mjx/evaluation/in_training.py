@@ -15,12 +15,12 @@ SEED = 1_000_000  # added to the run's seed: the same scenes at every evaluation
 
 
 def evaluators(options: LoopOptions, tasks: Sequence[str] = ()) -> Callable[[Sequence[Run], Any], list[Evaluate]]:
-    """From runs and their trainer to what the loop calls to evaluate each run; none where it is not to.
+    """Makes, from runs and their trainer, the functions that the loop calls to evaluate each run.
 
     Metrics of the run's own task keep their names, those of another begin with it: `wide/distance`.
 
     Args:
-        options: how often, and over how many episodes.
+        options: how often (never: there are none), and over how many episodes.
         tasks: evaluated on besides the one that is trained on.
     """
 

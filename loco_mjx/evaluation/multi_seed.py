@@ -20,7 +20,7 @@ def holds_seeds(directory: Path) -> bool:
 
 
 def evaluate(directory: Path, task: str | None, **options: Any) -> dict[str, Any]:
-    """Evaluates every run in a directory in the same scenes, and writes what came of it into its `evaluation/`.
+    """Evaluates every run in a directory in the same scenes, and writes the result into its `evaluation/`.
 
     Args:
         directory: holds the runs; they may differ in seed alone.

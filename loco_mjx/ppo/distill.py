@@ -49,8 +49,8 @@ class Teacher:
 class DistillTrainer(Trainer):
     """A :class:`Trainer` whose first iterations imitate; those after them are PPO's.
 
-    The policy starts with the teacher's statistics, and its critic as the teacher's value. Programs are compiled when
-    their phase begins.
+    The policy starts with the teacher's normaliser, its critic with the teacher's value function. The program of each
+    phase is compiled when the phase begins.
     """
 
     def __init__(

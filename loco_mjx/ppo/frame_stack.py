@@ -1,6 +1,6 @@
-"""Depth frames stored once each; stacks are put together again when a minibatch is read.
+"""Depth frames, each stored once; a minibatch puts the stacks together again.
 
-A window of T steps keeps K−1 older frames and then T+1 newest ones, (K+T, B, H, W): row t + K − 1 is the frame that
+A rollout of T steps keeps K−1 older frames and then T+1 newest ones, (K+T, B, H, W): row t + K − 1 is the frame that
 was the newest at step t.
 """
 
@@ -35,7 +35,7 @@ def episode_starts(reset: jax.Array, count: int) -> jax.Array:
         count: K.
 
     Returns:
-        (T+1, B) int32; −(K−1), before the oldest frame kept, where the episode began before the window.
+        (T+1, B) int32; −(K−1), before the oldest frame kept, where the episode began before the rollout.
     """
     steps = jp.arange(1, reset.shape[0] + 1, dtype=jp.int32)[:, None]
     before = jp.full((1, reset.shape[1]), 1 - count, jp.int32)

@@ -31,7 +31,7 @@ def create(size: int) -> Normalizer:
 
 
 def of(mean: jax.Array, std: jax.Array) -> Normalizer:
-    """Statistics with this mean and this :func:`std`, (n,) each, that weigh as much as one vector."""
+    """Statistics with a given mean and :func:`std`, (n,) each, and a count of one vector."""
     return Normalizer(jp.ones((), jp.float32), jp.asarray(mean), jp.asarray(std) ** 2 - _EPSILON)
 
 
@@ -40,13 +40,13 @@ def _psum(x: jax.Array, axis_name: str | None) -> jax.Array:
 
 
 def update(normalizer: Normalizer, x: jax.Array, weight: jax.Array, axis_name: str | None = None) -> Normalizer:
-    """Takes in vectors.
+    """Adds vectors to the statistics.
 
     Args:
         normalizer: statistics so far.
         x: (..., n) vectors.
         weight: (...) 1, or 0 for those to leave out (whatever they hold).
-        axis_name: mesh axis over which the vectors are spread, if any.
+        axis_name: mesh axis over which the vectors are sharded, if any.
     """
     axes = tuple(range(x.ndim - 1))
     x = jp.where(weight[..., None] > 0, x, 0.0)
@@ -55,6 +55,7 @@ def update(normalizer: Normalizer, x: jax.Array, weight: jax.Array, axis_name: s
     squares = _psum(jp.sum(weight[..., None] * (x - mean) ** 2, axes), axis_name)
     total = jp.maximum(normalizer.count + count, 1.0)
     shift = mean - normalizer.mean
+    # n = n₁ + n₂; μ = μ₁ + Δ n₂ / n; M = M₁ + M₂ + Δ² n₁ n₂ / n, with Δ = μ₂ − μ₁
     return Normalizer(
         count=normalizer.count + count,
         mean=normalizer.mean + shift * count / total,

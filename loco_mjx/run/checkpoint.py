@@ -108,7 +108,7 @@ def save(
     partial = final.with_name(PARTIAL + final.name)
     try:
         remove(partial)
-        partial.parent.mkdir(exist_ok=True)  # but not the run's directory: whoever removes that wants it gone
+        partial.parent.mkdir(exist_ok=True)  # but not the run's directory, which somebody may have removed on purpose
         partial.mkdir()
         write_trees(partial, {STATE: state, POLICY: policy})
         with open_new(partial / CURVES) as file:
@@ -138,7 +138,7 @@ def _system_error(error: OSError | ValueError) -> OSError:
 
 
 def whole_steps(directory: Path, say: Callable[[str], None], item: str = STATE) -> list[int]:
-    """The steps of a run's checkpoints that are not damaged, newest first; `say` is told about the others."""
+    """The steps of a run's undamaged checkpoints, newest first; `say` is called with a line about each other one."""
     problems = {step: damage(path_of(directory, step), item) for step in steps(directory)}
     for problem in filter(None, problems.values()):
         say(problem)
@@ -212,7 +212,7 @@ def check_config(checkpoint: Path, config: Config) -> None:
     Raises:
         UserError: naming the first key that differs, with both values.
     """
-    # A key that an older version did not have was at what is now its default.
+    # A key that an older version did not have counts with its default.
     saved = flatten(to_dict(from_dict(Config, {}))) | flatten(read_json(checkpoint / MANIFEST)["config"])
     wanted = compared(config)
     for key in sorted((saved.keys() | wanted.keys()) - {NOTED, EXTENDABLE}):

@@ -140,7 +140,7 @@ def compared(config: Config) -> dict[str, Any]:
 
 @contextmanager
 def claim(directory: Path) -> Iterator[None]:
-    """Makes the directory and holds it for this process alone; the system lets go of it however the process ends.
+    """Makes the directory and locks it for this process; the lock ends with the process, however that ends.
 
     Raises:
         UserError: without write access, or if another process is training in it.

@@ -159,7 +159,7 @@ class Logger:
 
 
 def _recovered(path: Path, step: int, kept: str | None) -> tuple[Rows, str | None]:
-    """The rows of a run up to a step, and what is wrong with their file."""
+    """The rows of a run up to a step, and what is wrong with their file, or None."""
     found, broken = rows_lib.parse(path.read_bytes()) if path.exists() else ([], 0)
     found = [row for row in found if int(row[STEP]) <= step]
     if kept is not None:

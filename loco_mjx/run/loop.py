@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from signal import SIGPIPE
+from signal import SIGINT, SIGPIPE
 from typing import Annotated, Any, NoReturn, Protocol
 
 import jax
@@ -66,7 +66,7 @@ class Single:
 
 @dataclass(frozen=True)
 class LoopOptions:
-    """When to save and to evaluate; none of it changes what is learnt."""
+    """When to save and to evaluate; it does not change what is learnt."""
 
     checkpoint_minutes: Annotated[float, Range(0, 100_000)] = 5.0
     """Minutes between checkpoints; one is also written at each evaluation, at the end, and when stopped."""
@@ -134,7 +134,7 @@ def run_group(
         UserError: if their checkpoints cannot be used or the disk cannot be written; at the end, if one diverged.
     """
     samples = 0
-    alone = jax.process_count() == 1  # of several processes none may leave the others waiting
+    alone = jax.process_count() == 1  # one of several processes may not leave: the others would wait for it
     with Stop(reporter.say, alone, reporter.close) as stop, contextlib.ExitStack() as files:
         try:
             state, samples = _resume(learner, runs, reporter)
@@ -238,7 +238,7 @@ class _Loop:
             self.reporter.say(f"first iteration done {age:.0f} s after the command")
 
     def _refuse_divergence(self, rows: Sequence[Row], samples: int) -> None:
-        """Ends runs whose loss is no number before a checkpoint keeps it; whose environments broke are told of."""
+        """Ends runs whose loss is not finite, before a checkpoint keeps that; warns of environments that broke."""
         for log, row in zip(self.logs, rows, strict=True):
             if log.problem is None and not log.check(row, samples) and len(self.logs) > 1:
                 self.reporter.say(f"{log.problem}; the other seeds go on")
@@ -271,8 +271,10 @@ class _Loop:
         return done in (1, self.ppo.iterations) or done % every == 0
 
     def _signal(self) -> int | None:
-        """The signal that came; a reader of the output who leaves counts as one."""
-        return self.stop.signal or (SIGPIPE if self.reporter.lost is not None else None)
+        """The signal that came; a reader of the output who leaves counts as one, and whoever asked the reporter."""
+        if self.stop.signal or self.reporter.lost is not None:
+            return self.stop.signal or SIGPIPE
+        return SIGINT if self.reporter.asked_to_stop else None
 
     def _failure(self) -> UserError | None:
         lost = self.reporter.lost
@@ -295,7 +297,7 @@ class _Loop:
         raise type(failure)(f"{failure}; saved at {samples:,} samples") from failure
 
     def _save(self, state: Any, samples: int) -> None:
-        """Writes all runs' checkpoints; where one cannot be written, the others are."""
+        """Writes all runs' checkpoints; if one cannot be written, the others still are."""
         problems: list[UserError] = []
         for log, part in zip(self.logs, self.learner.split(state), strict=True):
             if log.problem is None:

@@ -1,4 +1,4 @@
-"""The rows of `metrics.csv`: written, read back, and told from what a kill or somebody else has made of them."""
+"""The rows of `metrics.csv`: written, read, and checked, since a kill or an editor may have damaged the file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _STEP_FORM = re.compile(r"\d{1,18}", re.ASCII)
 
 
 def write(file: TextIO, rows: Rows, columns: Sequence[str]) -> None:
-    """Writes a header and rows; what a row has not is left empty."""
+    """Writes a header and rows; a column that a row does not have is left empty."""
     writer = csv.DictWriter(file, columns, restval="", extrasaction="ignore")
     writer.writeheader()
     writer.writerows(rows)
@@ -29,10 +29,10 @@ def text_of(rows: Rows, columns: Sequence[str]) -> str:
 
 
 def read(path: Path, up_to: int | None = None) -> Rows:
-    """The rows of a metrics file; what is none, such as one that a kill cut short, is left out.
+    """The rows of a metrics file. A damaged row, such as the last one after a kill, is left out.
 
     Args:
-        path: of the file; none is an empty one.
+        path: of the file; a missing file has no rows.
         up_to: leave out rows beyond this step.
     """
     if not path.exists():
@@ -44,10 +44,10 @@ def read(path: Path, up_to: int | None = None) -> Rows:
 
 
 def parse(content: bytes) -> tuple[Rows, int]:
-    """The rows that are as a run writes them, and how many lines are not.
+    """The valid rows, and the number of other lines.
 
-    Such a row has a number or nothing in every column, and its step is beyond the one before. A last line without an
-    end is what a kill cut short; it is no row and does not count.
+    A valid row has a number or nothing in every column, and a larger step than the row before it. A last line without
+    a line end was cut short by a kill: it is ignored, and not counted.
     """
     header, *lines = content.decode(errors="replace").split("\n")[:-1] or [""]
     columns = header.rstrip("\r").split(",")

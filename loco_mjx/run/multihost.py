@@ -196,7 +196,7 @@ def _watched() -> Iterator[None]:
 
 
 def _leave(error: BaseException) -> None:
-    """Ends this process as `loco-mjx` would, but at once: whoever waits for it finds it gone."""
+    """Ends this process with the message and code of `loco-mjx`, at once, so that no other process waits for it."""
     code = 1
     if isinstance(error, SystemExit):
         code = error.code if isinstance(error.code, int) else 1
@@ -215,7 +215,7 @@ def _leave(error: BaseException) -> None:
 
 
 def _say_last(line: str) -> None:
-    """Writes a line on stderr, and has what JAX's threads still say about the loss go nowhere."""
+    """Writes a line on stderr, and discards what JAX's threads write after it."""
     sys.stderr.flush()
     last = os.dup(2)
     with open(os.devnull, "w") as nowhere:

@@ -13,7 +13,7 @@ from loco_mjx.errors import UserError
 
 
 def _checkpointer() -> Any:
-    """Orbax's; of several processes each works by itself: the first one writes everything, and all read everything."""
+    """Orbax's. Each of several processes uses its own: the first one writes everything, all read everything."""
     import orbax.checkpoint as ocp
 
     if jax.process_count() == 1:

@@ -23,7 +23,7 @@ FIGURES = (
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people say them: 42 s, 7 min, 2.8 h."""
+    """A duration in a readable unit: 42 s, 7 min, 2.8 h."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
@@ -45,8 +45,24 @@ class Reporter:
     iteration: that one holds the compilation. Evaluations and checkpoints are counted in.
     """
 
-    def __init__(self, console: Console, total: int, done: int, clock: Callable[[], float] = time.monotonic) -> None:
-        """Starts at `done` of `total` samples; `clock` gives seconds."""
+    def __init__(
+        self,
+        console: Console,
+        total: int,
+        done: int,
+        clock: Callable[[], float] = time.monotonic,
+        callback: Callable[[int, Mapping[str, float]], object] | None = None,
+    ) -> None:
+        """Starts at `done` of `total` samples.
+
+        Args:
+            console: to print on.
+            total: samples.
+            done: of them.
+            clock: gives seconds.
+            callback: called with every iteration's samples and metrics; once it returns True, `asked_to_stop` is set.
+        """
+        self._callback, self.asked_to_stop = callback, False
         self._console, self._total, self._clock = console, total, clock
         self._rate: float | None = None
         self._first: tuple[int, float] | None = None  # samples after the first iteration, and when
@@ -76,6 +92,8 @@ class Reporter:
             metrics: of the iteration.
             left: seconds that what is left takes; None: as this display has it.
         """
+        if self._callback is not None and self._callback(done, dict(metrics)) is True:
+            self.asked_to_stop = True
         now = self._clock()
         if self._first is None:
             self._first = (done, now)

@@ -1,4 +1,4 @@
-"""Reads what runs and their evaluations left in a directory, however deep; says what cannot be compared."""
+"""Finds runs and their evaluations in a directory and those below it; refuses those that cannot be compared."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def _read(run: Run, path: Path) -> Evaluation | None:
 
 
 def trained_with(runs: Sequence[Run]) -> list[tuple[Path, dict[str, str]]]:
-    """The files that say with which versions runs were trained, and those: of each start, if there was more than one.
+    """With which versions of packages runs were trained: a file and its versions, for every start of every run.
 
     Raises:
         UserError: if a file is damaged or of another version.

@@ -114,10 +114,7 @@ class RunLog:
             raise RunError(f"{self.run.directory} has been removed or moved while it trained, so the run has ended")
 
     def check(self, row: Row, samples: int) -> bool:
-        """Whether the run may go on; one whose losses or whose state hold what is no number may not.
-
-        A checkpoint would keep it.
-        """
+        """Whether the run may go on: not if its losses or its state hold NaN or infinities, which would be saved."""
         broken = _diverged(row)
         if broken and self.problem is None:
             self.problem = (
@@ -140,7 +137,7 @@ def _diverged(row: Row) -> str | None:
 
 
 def _identities(directory: Path) -> list[tuple[int, int] | bool]:
-    """What tells a run's directory from another one in its place."""
+    """What identifies a run's directory, so that another one in its place is noticed."""
     found: list[tuple[int, int] | bool] = [(directory / CONFIG).exists()]  # which an editor may replace
     for path in (directory, directory / LOCK):
         try:
@@ -158,7 +155,7 @@ def policy_of(state: Any) -> checkpoint.Policy:
 
 
 def common_step(runs: Sequence[Run], say: Callable[[str], None] = lambda text: None) -> int:
-    """The newest step of which all runs have a whole checkpoint; 0 if none has trained.
+    """The newest step at which all runs have an undamaged checkpoint; 0 if none has trained.
 
     Args:
         runs: to be trained together.
@@ -167,7 +164,7 @@ def common_step(runs: Sequence[Run], say: Callable[[str], None] = lambda text: N
     Raises:
         UserError: if there is none, naming what is damaged, or where each run stands.
     """
-    if len(runs) == 1:  # which may go on from any; restoring it says what is damaged
+    if len(runs) == 1:  # it may go on from any of its own; restoring reports what is damaged
         return checkpoint.newest(runs[0].directory)
     problems: list[str] = []
     stand = {run.directory: checkpoint.whole_steps(run.directory, problems.append) for run in runs}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +75,7 @@ def train(
     console: Console,
     command: list[str],
     evaluators: Evaluators = lambda runs, trainer: [],
+    callback: Callable[[int, Mapping[str, float]], object] | None = None,
 ) -> loop.Outcome:
     """Trains runs that differ in seed alone, or goes on training, all in one program.
 
@@ -84,6 +85,7 @@ def train(
         console: for the table and the progress.
         command: the command line, for the record.
         evaluators: from the runs and their trainer to what evaluates each of them; an empty list: they are not.
+        callback: called with each iteration's samples and metrics; once it returns True, the runs are saved and end.
 
     Raises:
         UserError: if they cannot start; nothing is written then.
@@ -118,7 +120,7 @@ def train(
         multihost.on_first(claim)
         seeds = [run.config.seed for run in runs]
         print_summary(console, config, provenance.devices(), count_parameters(trainer, config), seeds)
-        reporter = Reporter(console, len(runs) * settings.total_samples(config), len(runs) * done)
+        reporter = Reporter(console, len(runs) * settings.total_samples(config), len(runs) * done, callback=callback)
         try:
             evaluations = evaluators(runs, trainer)
             return loop.run_group(learner, runs, options, reporter, evaluations, lambda: multihost.on_first(record))

@@ -2,14 +2,17 @@
 
 import json
 
+import flax.linen as nn
 import jax
+import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx.deploy import export, folder
+from loco_mjx.config import NetworkConfig
+from loco_mjx.deploy import converted, export, folder
 from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
-from loco_mjx.networks.policies import POLICIES
+from loco_mjx.networks.policies import POLICIES, heads, register_policy
 from tests.deploy import made
 from tests.known_robots import A1
 
@@ -41,6 +44,58 @@ def test_parity(name, diagonal, network, views, tmp_path, capsys, monkeypatch):
     with capsys.disabled():
         print(f"\n{name}{' diagonal' * diagonal}: {worst:.1e} rad")
     assert worst < 1e-4
+
+
+@pytest.fixture
+def own_policy():
+    """One with what none of ours has: another convolution, normalisation, attention, gates."""
+
+    @register_policy("gated")
+    class Gated(nn.Module):
+        config: NetworkConfig
+        actions: int
+
+        @nn.compact
+        def __call__(self, obs):
+            depth = obs["pixels/depth"]
+            seen = nn.gelu(nn.Conv(8, (8, 8), (8, 8))(depth.reshape(-1, *depth.shape[-3:])))
+            seen = nn.LayerNorm()(seen.reshape(*depth.shape[:-3], 64, 8))
+            mixed = nn.SelfAttention(num_heads=2)(seen).mean(-2)
+            body = nn.Dense(16)(obs["state"])
+            features = jp.concatenate([nn.silu(body), body[..., :8] * nn.sigmoid(mixed)], axis=-1)
+            return heads(self, (16,), features, lambda: features, obs)
+
+    yield "gated"
+    POLICIES.unregister("gated")
+
+
+@pytest.mark.parametrize("diagonal", [False, True])
+def test_parity_of_a_policy_of_the_user(own_policy, diagonal, views, tmp_path, monkeypatch):
+    monkeypatch.setattr(export, "stablehlo", lambda policy: b"")
+    policy = made.policy(own_policy, diagonal)
+    export.write(policy, tmp_path)
+    session = Session(folder.read(tmp_path), tmp_path)
+    some = {name: views[name][:BATCH] for name in ("state", "depth")}
+    expected = np.asarray(jax.jit(export.target_function(policy))(*some.values()))
+    got = np.array([session({name: values[i] for name, values in some.items()}) for i in range(BATCH)])
+    assert np.all(np.ptp(expected, axis=0) > 0.1 * np.tile(policy.config.env.action.scale, 4))
+    assert np.max(np.abs(got - expected)) < 1e-4
+
+
+def test_a_graph_that_differs_or_cannot_be_written_is_refused(own_policy, tmp_path, monkeypatch):
+    policy = made.policy(own_policy)
+    written = converted._written
+    monkeypatch.setattr(converted, "_written", lambda name, f, shapes: written(name, lambda *x: f(*x) + 1e-3, shapes))
+    with pytest.raises(UserError, match=r"the ONNX graph of policy 'gated' differs from it by 1\.0e-03 rad"):
+        export.write(policy, tmp_path / "policy")
+    monkeypatch.undo()
+
+    def odd(*arrays):
+        return jax.pure_callback(lambda x: x, jax.ShapeDtypeStruct((1, 12), jp.float32), arrays[0][:, :12])
+
+    with pytest.raises(UserError, match="jax2onnx cannot write policy 'odd': "):
+        converted.convert("odd", odd, {"state": (93,)}, np.zeros(93), np.ones(93))
+    assert not (tmp_path / "policy").exists()
 
 
 def test_a_teacher_stays_in_the_simulator(tmp_path):

@@ -1,0 +1,124 @@
+"""The examples do what they say, at tiny sizes; what they register works with the commands."""
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import loco_mjx
+from loco_mjx.cli.main import main
+from loco_mjx.config.reward_terms import REWARDS
+from loco_mjx.deploy import folder, trained
+from loco_mjx.deploy.session import Session
+from loco_mjx.errors import UserError
+from loco_mjx.networks.policies import POLICIES
+from loco_mjx.run.directory import load_config
+from loco_mjx.run.logger import read_rows
+from loco_mjx.scene.tasks import TASKS
+from tests.optional import needs_opengl
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+MODULES = ("custom_task", "custom_policy", "custom_reward")
+IMPORTS = [word for name in MODULES for word in ("--import", str(EXAMPLES / f"{name}.py"))]
+OWN = (TASKS, "slalom"), (POLICIES, "gated"), (REWARDS, "calm"), (REWARDS, "straight")
+SIZES = {"ppo.unroll": 4, "ppo.minibatch": 16, "ppo.epochs": 1, "ppo.pool_size": 2, "env.horizon": 8}
+TINY = {"num_envs": 4, "total_steps": 32, "keys": SIZES | {"network.state_only_hidden": (8, 8)}}
+OPTIONS = [word for key, value in SIZES.items() for word in (f"--{key}", str(value))]
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def forget():
+    for name in MODULES:
+        sys.modules.pop(name, None)
+    for registry, name in OWN:
+        if name in registry:
+            registry.unregister(name)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run of the example's task, with its policy and its terms of the reward, by the command."""
+    path = tmp_path_factory.mktemp("own") / "run"
+    words = ["--task", "slalom", "--policy", "gated", "--num-envs", "4", "--total-steps", "32", "--evaluations", "0"]
+    assert main(["train", *IMPORTS, *words, *OPTIONS, "--env.reward.straight", "0", "--out", str(path)]) == 0
+    yield path
+    forget()
+
+
+def test_a_run_of_ones_own_notes_its_modules_and_rewards(run):
+    config = load_config(run)
+    assert config.imports == tuple(IMPORTS[1::2])
+    assert config.env.reward.terms == {"calm": 0.001, "straight": 0.0}
+    row = read_rows(run / "metrics.csv")[-1]
+    assert float(row["step/reward/calm"]) < 0 and "step/reward/straight" not in row
+
+
+def test_it_is_evaluated_exported_and_missed(run, capsys, tmp_path):
+    assert main(["evaluate", str(run), *IMPORTS, "--episodes", "2", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["policy"], result["task"]) == ("gated", "slalom") and result["metrics"]["reward/calm"]["mean"] < 0
+    out = tmp_path / "policy"
+    assert main(["export", str(run), *IMPORTS, "--out", str(out)]) == 0
+    policy, session = loco_mjx.load_policy(out), Session(folder.read(out), out)
+    state = policy.make_env().reset(jax.random.PRNGKey(0))
+    obs = {"state": state.obs["state"], "depth": state.obs["pixels/depth"]}
+    targets = session({name: np.asarray(value) for name, value in obs.items()})
+    scale = np.tile(policy.config.env.action.scale, 4)
+    away = targets - folder.read(out).default_pose
+    assert away == pytest.approx(policy.act(state.obs) * scale, abs=1e-4)
+    forget()
+    for path in (run, out):
+        with pytest.raises(UserError, match=r"needs the task 'slalom'.*; pass --import .*custom_task\.py"):
+            trained.load(path)
+    assert main(["evaluate", str(out)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_training_from_python_stops_when_it_walks_well_enough(tmp_path, monkeypatch, capsys):
+    module = load("train_from_python")
+    monkeypatch.setattr(module, "FAR_ENOUGH", -1.0)
+    result = module.main(str(tmp_path / "run"), **TINY)
+    assert result["samples"] == 16 and "distance" in result["metrics"]  # stopped after the first iteration
+    assert capsys.readouterr().out.count("reward per step") == 1
+
+
+def test_acting_in_a_loop(capsys):
+    distance = load("act_in_a_loop").main("mountain-blind", steps=5)
+    assert abs(distance) < 0.5 and "mountain-blind on mountain" in capsys.readouterr().out
+
+
+def cells():
+    found = json.loads((EXAMPLES / "quickstart.ipynb").read_text())["cells"]
+    return ["".join(cell["source"]) for cell in found if cell["cell_type"] == "code"]
+
+
+def test_the_notebook(tmp_path, monkeypatch):
+    """All cells but the film's; the sizes are those of the other run from Python, whose programs are used again."""
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "__main__"}
+    parameters, *others = cells()[:-1]
+    exec(parameters, names)
+    assert names["SAMPLES"] >= 100_000
+    names |= {"SAMPLES": 32, "ENVS": 4, "EPISODES": 8, "KEYS": TINY["keys"]}
+    for cell in others:
+        exec(cell, names)
+    assert [samples for samples, _ in names["curve"]] == [16, 32] and names["outcome"].samples == 32
+    assert names["result"]["num_episodes"] == 8
+
+
+@needs_opengl
+def test_the_notebooks_film(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "__main__", "loco_mjx": loco_mjx, "OUT": "mountain-blind", "SECONDS": 0.08}
+    exec(cells()[-1], names)
+    assert names["film"]._repr_html_().startswith("<video") and Path("quickstart.mp4").stat().st_size > 1000
