@@ -19,7 +19,7 @@ def make_mesh(devices: Sequence[jax.Device] | None = None) -> Mesh:
     return Mesh(np.array(jax.devices() if devices is None else devices), (AXIS,))
 
 
-def dividing(size: int) -> list[jax.Device]:
+def dividing_devices(size: int) -> list[jax.Device]:
     """The most local devices over which a number of environments divides."""
     devices = jax.local_devices()
     return devices[: max(n for n in range(1, len(devices) + 1) if size % n == 0)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.sharding import PartitionSpec as P
 
-from loco_mjx.sharding import AXIS, dividing, make_mesh, shard_map
+from loco_mjx.sharding import AXIS, dividing_devices, make_mesh, shard_map
 
 
 def test_arguments_without_elements_arrive_as_each_device_s_share():
@@ -38,6 +38,6 @@ def test_no_argument_of_a_device_s_program_is_without_elements_constants_of_loop
 
 @pytest.mark.parametrize("size", [1, 3, 4])
 def test_the_devices_chosen_divide_the_size_and_no_more_would(size):
-    count = len(dividing(size))
+    count = len(dividing_devices(size))
     assert size % count == 0
     assert all(size % n for n in range(count + 1, jax.local_device_count() + 1))
