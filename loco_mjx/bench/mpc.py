@@ -15,7 +15,7 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx.bench.timing import seconds_in_turn
 from loco_mjx.robots import DEFAULT, get_robot
-from loco_mjx.sharding import AXIS, dividing, make_mesh, spread
+from loco_mjx.sharding import AXIS, dividing_devices, make_mesh, shard_map
 from loco_mjx.whole_body import controller, gait, library, mpc, solver
 from loco_mjx.whole_body.config import TICK, WholeBodyConfig
 from loco_mjx.whole_body.legs import Body, body_of
@@ -56,7 +56,7 @@ def bench_mpc(num_envs: int, seconds: float, robot: str = DEFAULT) -> dict[str, 
         UserError: if quadprog is missing.
     """
     config, about = WholeBodyConfig(), get_robot(robot)
-    body, devices = body_of(about), dividing(num_envs)
+    body, devices = body_of(about), dividing_devices(num_envs)
     given = ticks(config, body, about.default_pose, num_envs)
     programs = [_program(config, body, jax.tree.map(lambda x, i=i: x[i], given)) for i in range(num_envs)]
     solve = solver.make_solver(config.mpc)
@@ -94,7 +94,7 @@ def _compiled(devices: list[Any], one: Callable[..., Any], given: Any) -> Callab
     mesh = make_mesh(devices)
     given = jax.tree.map(lambda x: jp.asarray(x, kind(x)), given)
     given = jax.device_put(given, NamedSharding(mesh, P(AXIS)))
-    compiled = jax.jit(spread(jax.vmap(one), mesh, P(AXIS), P(AXIS))).lower(*given).compile()
+    compiled = jax.jit(shard_map(jax.vmap(one), mesh, P(AXIS), P(AXIS))).lower(*given).compile()
     return lambda: compiled(*given)
 
 

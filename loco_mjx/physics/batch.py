@@ -23,7 +23,7 @@ def together(many: Callable[..., Any]) -> Callable[..., Any]:
 
         @one.def_vmap
         def _(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
-            out = all_of(*_spread(size, batched, args))
+            out = all_of(*_broadcast(size, batched, args))
             return out, jax.tree.map(lambda _: True, out)
 
         @jax.custom_batching.custom_vmap
@@ -33,7 +33,7 @@ def together(many: Callable[..., Any]) -> Callable[..., Any]:
 
         @all_of.def_vmap
         def _(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
-            args = _spread(size, batched, args)
+            args = _broadcast(size, batched, args)
             count = jax.tree.leaves(args)[0].shape[1]
             merged = jax.tree.map(lambda x: x.reshape(size * count, *x.shape[2:]), args)
             out = jax.tree.map(lambda x: x.reshape(size, count, *x.shape[1:]), all_of(*merged))
@@ -44,7 +44,7 @@ def together(many: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def _spread(size: int, batched: Any, args: Any) -> Any:
+def _broadcast(size: int, batched: Any, args: Any) -> Any:
     """The arguments, each with the mapped axis in front."""
     repeat = lambda x, is_batched: x if is_batched else jp.broadcast_to(x, (size, *jp.shape(x)))  # noqa: E731
     return jax.tree.map(repeat, args, tuple(batched))
