@@ -12,12 +12,13 @@ from loco_mjx import rotations
 from loco_mjx.config import EnvConfig
 from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
+from loco_mjx.env import action as action_lib
 from loco_mjx.env import metrics, privileged, randomization, reward
 from loco_mjx.env import observation as obs_lib
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
 from loco_mjx.physics.step import PhysicsState, SubstepTrace, control_step, initial_state
-from loco_mjx.robots import LEGS, NJOINT, get_robot
+from loco_mjx.robots import NJOINT, get_robot
 from loco_mjx.scene import motion, pool, query, surface
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
@@ -51,13 +52,7 @@ class LocoEnv:
     @property
     def observation_size(self) -> dict[str, tuple[int, ...]]:
         """Shape of each part of the observation."""
-        obs, depth = self.config.observation, self.config.observation.depth
-        sizes: dict[str, tuple[int, ...]] = {"state": (obs.state_size,)}
-        if depth.enabled:
-            sizes["pixels/depth"] = (depth.height, depth.width, depth.frames)
-        if obs.privileged:
-            sizes["privileged"] = (privileged.SIZE,)
-        return sizes
+        return obs_lib.shapes(self.config.observation)
 
     @property
     def dt(self) -> float:
@@ -177,10 +172,7 @@ class LocoEnv:
     def _command(self, action: jax.Array) -> jax.Array:
         """(12,) joint targets relative to the default pose, rad."""
         unit = jp.clip(action, -1.0, 1.0)
-        if self.config.action.diagonal:
-            right, left = unit[:3], unit[3:]
-            unit = jp.concatenate([right, left, left, right])
-        return unit * jp.tile(jp.array(self.config.action.scale), len(LEGS))
+        return action_lib.of_joints(unit, self.config.action) * action_lib.scale(self.config.action)
 
     def _inputs(
         self,
@@ -209,7 +201,7 @@ class LocoEnv:
             dropped=outcome.dropped.astype(jp.float32),
             action=command,
             last_action=before.episode.last_action,
-            action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), len(LEGS))) ** 2),
+            action_change=jp.sum((change / action_lib.scale(self.config.action)) ** 2),
             up=rotations.upright(after.physics.qpos[3:7]),
             height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
             qpos=after.physics.qpos,
@@ -221,13 +213,13 @@ class LocoEnv:
         self, state: State, world: World, outcome: SubstepTrace, inputs: reward.RewardInputs, key: jax.Array
     ) -> State:
         terms = reward.rewards(inputs, self.config.reward)
-        now = obs_lib.sense(outcome, world.randomization.latency, self.robot.physics_dt)
-        now |= {"displacement": inputs.displacement, "last_action": inputs.action}
+        latency, dt = world.randomization.latency, self.robot.physics_dt
+        readings = obs_lib.sense(outcome, latency, dt, inputs.action, inputs.displacement)
         episode = replace(
             world.episode,
             step=world.episode.step + 1,
             last_action=inputs.action,
-            history=obs_lib.push(world.episode.history, now),
+            history=obs_lib.push(world.episode.history, readings),
         )
         ended = reward.terminated(inputs, self.config.termination) | ~inputs.finite
         truncated = (episode.step >= self.config.horizon) & ~ended
