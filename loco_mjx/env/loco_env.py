@@ -74,7 +74,7 @@ class LocoEnv:
     def reset(self, key: jax.Array) -> State:
         """Starts an episode in a newly drawn scene."""
         scene_key, start_key = jax.random.split(key)
-        return self.observe(self.begin(start_key, self.task.generate(scene_key)))
+        return self.observe(self.reset_to(start_key, self.task.generate(scene_key)))
 
     def step(self, state: State, action: jax.Array) -> State:
         """One control step."""
@@ -82,7 +82,7 @@ class LocoEnv:
 
     # Their parts ----------------------------------------------------------------------------------------------------
 
-    def begin(self, key: jax.Array, scene: Scene) -> State:
+    def reset_to(self, key: jax.Array, scene: Scene) -> State:
         """The first state of an episode in the given scene, without its observation."""
         place_key, robot_key, episode_key = jax.random.split(key, 3)
         qpos = self._start_pose(place_key, scene)
@@ -106,7 +106,7 @@ class LocoEnv:
         before: World = state.pipeline_state
         targets = jp.array(self.robot.default_pose) + command
         physics, outcome = control_step(self._model, before.physics, scene, targets, before.randomization.dynamics)
-        return self.conclude(state, scene, physics, outcome, command)
+        return self.finish_step(state, scene, physics, outcome, command)
 
     def next_scene(self, state: State) -> Scene:
         """The scene during the next control step: what moves has moved."""
@@ -116,7 +116,7 @@ class LocoEnv:
         _, motion_key = jax.random.split(state.info["key"])
         return motion.move(motion.redraw(motion_key, world.scene, world.episode.step), self.dt)
 
-    def conclude(
+    def finish_step(
         self, state: State, scene: Scene, physics: PhysicsState, outcome: SubstepTrace, command: jax.Array
     ) -> State:
         """Reward, termination and metrics of a control step, whoever computed its physics.
