@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.sharding import PartitionSpec as P
 
-from loco_mjx.sharding import AXIS, dividing, make_mesh, spread
+from loco_mjx.sharding import AXIS, dividing_devices, make_mesh, shard_map
 
 
 def test_arguments_without_elements_arrive_as_each_device_s_share():
@@ -17,7 +17,7 @@ def test_arguments_without_elements_arrive_as_each_device_s_share():
         assert alike.shape == (0,)
         return tree["x"] + tree["empty"].sum(), tree["empty"]
 
-    x, empty = jax.jit(spread(part, make_mesh(), (P(AXIS), P()), P(AXIS)))(*args)
+    x, empty = jax.jit(shard_map(part, make_mesh(), (P(AXIS), P()), P(AXIS)))(*args)
     np.testing.assert_array_equal(x, args[0]["x"])
     assert empty.shape == (4, 0, 3)
 
@@ -29,7 +29,7 @@ def test_no_argument_of_a_device_s_program_is_without_elements_constants_of_loop
         grown = jax.lax.while_loop(lambda y: y.sum() < 20, lambda y: y + 1 + jp.take(y, nothing, axis=1).sum(), x)
         return grown + empty.sum()
 
-    run = spread(part, make_mesh(), P(AXIS), P(AXIS))
+    run = shard_map(part, make_mesh(), P(AXIS), P(AXIS))
     args = jp.ones((4, 2)), jp.zeros((4, 0))
     (call,) = [eqn for eqn in jax.make_jaxpr(run)(*args).eqns if eqn.primitive.name == "shard_map"]
     assert [var.aval.shape for var in call.invars] == [(4, 2)]  # others crash JAX 0.11.2's compiler on the CPU
@@ -38,6 +38,6 @@ def test_no_argument_of_a_device_s_program_is_without_elements_constants_of_loop
 
 @pytest.mark.parametrize("size", [1, 3, 4])
 def test_the_devices_chosen_divide_the_size_and_no_more_would(size):
-    count = len(dividing(size))
+    count = len(dividing_devices(size))
     assert size % count == 0
     assert all(size % n for n in range(count + 1, jax.local_device_count() + 1))

@@ -24,7 +24,7 @@ from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
-from loco_mjx.sharding import AXIS, dividing, make_mesh, spread
+from loco_mjx.sharding import AXIS, dividing_devices, make_mesh, shard_map
 
 COURSE = 20.0  # m, of tasks without a goal
 PEER_SCENES = 4  # per thread
@@ -61,7 +61,7 @@ def bench_depth(task: str, num_envs: int, seconds: float, robot: str = DEFAULT) 
         UnknownNameError: if there is no such task or robot.
     """
     body = get_robot(robot)
-    devices = dividing(num_envs)
+    devices = dividing_devices(num_envs)
     key_scenes, key_poses = jax.random.split(jax.random.PRNGKey(0))
     scenes = make_pool(key_scenes, get_task(task), num_envs)
     poses = jax.jit(partial(standing_poses, body))(key_poses, scenes)
@@ -69,7 +69,7 @@ def bench_depth(task: str, num_envs: int, seconds: float, robot: str = DEFAULT) 
     mesh = make_mesh(devices)
     inputs = jax.device_put((scenes, poses), NamedSharding(mesh, P(AXIS)))
     many = jax.vmap(partial(render, mount=body.camera, config=DepthConfig()))
-    shared = jax.jit(spread(many, mesh, P(AXIS), P(AXIS)))
+    shared = jax.jit(shard_map(many, mesh, P(AXIS), P(AXIS)))
     begin = time.monotonic()
     compiled = shared.lower(*inputs).compile()
     compile_seconds = time.monotonic() - begin

@@ -24,7 +24,7 @@ from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
-from loco_mjx.sharding import AXIS, dividing, make_mesh, spread
+from loco_mjx.sharding import AXIS, dividing_devices, make_mesh, shard_map
 
 WINDOW = 10  # control steps in a call
 PEER_SCENES = 8  # per thread
@@ -72,7 +72,7 @@ def bench_physics(
     Raises:
         UnknownNameError: if there is no such task or robot.
     """
-    devices = dividing(num_envs)
+    devices = dividing_devices(num_envs)
     key_scenes, key_targets = jax.random.split(jax.random.PRNGKey(0))
     scenes = make_pool(key_scenes, get_task(task), num_envs)
     model = build(get_robot(robot), config or PhysicsConfig(), get_task(task).obstacle_slots)
@@ -83,7 +83,7 @@ def bench_physics(
         (jax.vmap(partial(_standing, model.robot))(scenes), scenes, keys), NamedSharding(mesh, P(AXIS))
     )
     many = jax.vmap(lambda state, scene, key: _window(model, state, scene, key))
-    shared = jax.jit(spread(many, mesh, P(AXIS), P(AXIS)))
+    shared = jax.jit(shard_map(many, mesh, P(AXIS), P(AXIS)))
     begin = time.monotonic()
     compiled = shared.lower(states, scenes, keys).compile()
     compile_seconds = time.monotonic() - begin

@@ -18,7 +18,7 @@ from loco_mjx.ppo.multi_seed import SeedsTrainer
 from loco_mjx.ppo.trainer import Trainer
 from loco_mjx.robots import DEFAULT
 from loco_mjx.run import machine
-from loco_mjx.sharding import AXIS, make_mesh, spread
+from loco_mjx.sharding import AXIS, make_mesh, shard_map
 
 WINDOW = 32  # control steps in one call of the environment's benchmark
 POOL = 64  # scenes to reset into
@@ -68,8 +68,8 @@ def bench_env(config: Config, seconds: float) -> Result:
 
     keys = jax.random.split(jax.random.PRNGKey(1), count)
     begin = time.monotonic()
-    state = jax.block_until_ready(jax.jit(spread(start, mesh, (P(AXIS), P()), P(AXIS)))(keys, pool))
-    step = jax.jit(spread(window, mesh, (P(AXIS), P(AXIS), P()), P(AXIS)), donate_argnums=0)
+    state = jax.block_until_ready(jax.jit(shard_map(start, mesh, (P(AXIS), P()), P(AXIS)))(keys, pool))
+    step = jax.jit(shard_map(window, mesh, (P(AXIS), P(AXIS), P()), P(AXIS)), donate_argnums=0)
     state = jax.block_until_ready(step(state, keys, pool))
     compile_seconds = time.monotonic() - begin
     per_call = seconds_per_call(Rolling(lambda state: step(state, keys, pool), state), seconds)
@@ -135,8 +135,8 @@ def bench_seeds(config: Config, seconds: float, seeds: int) -> Result:
         for learner, count, iteration, (_, first) in zip(learners, counts, iterations, started, strict=True)
     )
     ratio = together["per_second"] / single["per_second"]
-    about = {"unit": "samples", "policy": config.policy, "seeds": seeds}
-    return together | about | {"single": single, "times_in_a_row": ratio}
+    what = {"unit": "samples", "policy": config.policy, "seeds": seeds}
+    return together | what | {"single": single, "times_in_a_row": ratio}
 
 
 def _started(learner: Any) -> tuple[Rolling, float]:

@@ -197,7 +197,7 @@ def build(config: Config, params: Tree, ends: Ends) -> Any:
     features = FEATURES[config.policy](b, params, config, state)
     action = b.op("Tanh", b.head(features, params["policy_head"]["mean"]))
     if config.env.action.diagonal:
-        action = b.op("Gather", action, b.constant(DIAGONAL, np.int64), axis=0)
+        action = b.op("Gather", action, b.constant(list(DIAGONAL), np.int64), axis=0)
     scaled = b.op("Mul", action, b.constant(ends.scale))
     b.op("Add", scaled, b.constant(ends.default_pose))
     return _model(b, ends.shapes)

@@ -67,7 +67,7 @@ class Slopes:
     slope: jax.Array
 
 
-def see(terrain: Terrain, origin: jax.Array, rotation: jax.Array) -> Ground:
+def from_camera(terrain: Terrain, origin: jax.Array, rotation: jax.Array) -> Ground:
     """The terrain as seen from a camera at ``origin`` (3,) whose ``rotation`` has the columns forward, left, up."""
     forward = rotation[:2, 0]
     length = jp.sqrt(jp.sum(forward * forward))
@@ -174,7 +174,7 @@ def cast(terrain: Terrain, origin: jax.Array, rotation: jax.Array, rays: Rays, c
         (pixels,) planar depth, m; within centimetres except along silhouettes. A crest that is one cell wide may be
         missed where it falls between samples or, farther than about 5 m, between lines.
     """
-    ground = see(terrain, origin, rotation)
+    ground = from_camera(terrain, origin, rotation)
     along = larger(rays.x * ground.heading[0] + rays.y * ground.heading[1], SHORTEST)
     across = rays.y * ground.heading[0] - rays.x * ground.heading[1]
     depth_per_distance = 1.0 / along

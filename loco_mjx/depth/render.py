@@ -35,7 +35,7 @@ class Shapes:
 
 
 @struct.dataclass
-class View:
+class CulledScene:
     """A scene seen from one pose: all that the pixels need.
 
     Attributes:
@@ -96,8 +96,8 @@ def _gather_boxes(planes: tuple[jax.Array, jax.Array], boxes: Boxes, origin: jax
     return _gather(in_view & ~turned, center, boxes.half), _gather(in_view & turned, own, boxes.half, cos, sin)
 
 
-def look(scene: Scene, qpos: jax.Array, mount: Vector3, config: DepthConfig) -> View:
-    """Gathers what can be in view from the base's pose ``qpos`` (7 or more,) by a camera at ``mount`` in its frame."""
+def cull(scene: Scene, qpos: jax.Array, mount: Vector3, config: DepthConfig) -> CulledScene:
+    """Frustum culling: gathers what a camera at ``mount`` in the base's frame can see; ``qpos`` is (7 or more,)."""
     origin, rotation = camera.pose(qpos, mount)
     planes = primitives.frustum(rotation, config)
     boxes, turned_boxes = _gather_boxes(planes, scene.boxes, origin)
@@ -107,10 +107,10 @@ def look(scene: Scene, qpos: jax.Array, mount: Vector3, config: DepthConfig) -> 
     center = cylinders.center - origin
     in_view = primitives.cylinders_in_view(planes, cylinders, center)
     trunks = _gather(in_view, center, cylinders.radius, cylinders.half_height)
-    return View(origin, rotation, boxes, turned_boxes, balls, trunks, scene.terrain)
+    return CulledScene(origin, rotation, boxes, turned_boxes, balls, trunks, scene.terrain)
 
 
-def _test(
+def _nearest_hit(
     test: Callable[[jax.Array, Rays, jax.Array], jax.Array], shapes: Shapes, rays: Rays, depth: jax.Array
 ) -> jax.Array:
     """The nearer of ``depth`` (pixels,) and all shapes."""
@@ -126,7 +126,7 @@ def _test(
     return jax.lax.fori_loop(0, (shapes.count + block - 1) // block, one_pass, depth)
 
 
-def trace(view: View, config: DepthConfig) -> jax.Array:
+def cast_rays(view: CulledScene, config: DepthConfig) -> jax.Array:
     """The (height, width) image of a view: planar depth in metres, clipped to [near, far]."""
     left, up = camera.rays(config)
     rays = primitives.make_rays(view.rotation, jp.asarray(left), jp.asarray(up))
@@ -134,14 +134,14 @@ def trace(view: View, config: DepthConfig) -> jax.Array:
         depth = primitives.plane(rays, view.origin[2], config.far)
     else:
         depth = heightfield.cast(view.terrain, view.origin, view.rotation, rays, config)
-    depth = _test(primitives.upright_box, view.boxes, rays, depth)
-    depth = _test(primitives.turned_box, view.turned_boxes, rays, depth)
-    depth = _test(primitives.sphere, view.spheres, rays, depth)
-    depth = _test(primitives.cylinder, view.cylinders, rays, depth)
+    depth = _nearest_hit(primitives.upright_box, view.boxes, rays, depth)
+    depth = _nearest_hit(primitives.turned_box, view.turned_boxes, rays, depth)
+    depth = _nearest_hit(primitives.sphere, view.spheres, rays, depth)
+    depth = _nearest_hit(primitives.cylinder, view.cylinders, rays, depth)
     return jp.clip(depth, config.near, config.far).reshape(config.height, config.width)
 
 
-def _one_at_a_time_on_cpu(function: Callable[[View], jax.Array]) -> Callable[[View], jax.Array]:
+def _one_at_a_time_on_cpu(function: Callable[[CulledScene], jax.Array]) -> Callable[[CulledScene], jax.Array]:
     """``function``, which under ``jax.vmap`` runs frame after frame on a CPU, and all frames at once elsewhere.
 
     One frame's vectors stay in a core's cache, a batch's do not, and a frame's loops end when it is done, a batch's
@@ -150,12 +150,12 @@ def _one_at_a_time_on_cpu(function: Callable[[View], jax.Array]) -> Callable[[Vi
     mapped = jax.custom_batching.custom_vmap(function)
 
     @mapped.def_vmap
-    def rule(axis_size: int, in_batched: tuple[View], view: View) -> tuple[jax.Array, bool]:
+    def rule(axis_size: int, in_batched: tuple[CulledScene], view: CulledScene) -> tuple[jax.Array, bool]:
         leaves, tree = jax.tree.flatten(view)
         batched = jax.tree.leaves(in_batched)
         moving = [leaf for leaf, moves in zip(leaves, batched, strict=True) if moves]
 
-        def whole(moving: list[jax.Array]) -> View:
+        def whole(moving: list[jax.Array]) -> CulledScene:
             rest = iter(moving)
             return jax.tree.unflatten(
                 tree, [next(rest) if moves else leaf for leaf, moves in zip(leaves, batched, strict=True)]
@@ -185,4 +185,4 @@ def render(scene: Scene, qpos: jax.Array, mount: Vector3, config: DepthConfig) -
         (height, width) float32 planar depth in metres, clipped to [near, far]; row 0 is the top, column 0 the left;
         rays that hit nothing read ``far``.
     """
-    return _one_at_a_time_on_cpu(partial(trace, config=config))(look(scene, qpos, mount, config))
+    return _one_at_a_time_on_cpu(partial(cast_rays, config=config))(cull(scene, qpos, mount, config))

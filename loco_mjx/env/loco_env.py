@@ -12,9 +12,9 @@ from loco_mjx import rotations
 from loco_mjx.config import EnvConfig
 from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
-from loco_mjx.env import action as action_lib
 from loco_mjx.env import metrics, privileged, randomization, reward
 from loco_mjx.env import observation as obs_lib
+from loco_mjx.env.action import joint_scale, per_joint
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
 from loco_mjx.physics.step import PhysicsState, SubstepTrace, control_step, initial_state
@@ -171,8 +171,8 @@ class LocoEnv:
 
     def _command(self, action: jax.Array) -> jax.Array:
         """(12,) joint targets relative to the default pose, rad."""
-        unit = jp.clip(action, -1.0, 1.0)
-        return action_lib.of_joints(unit, self.config.action) * action_lib.scale(self.config.action)
+        unit = per_joint(jp.clip(action, -1.0, 1.0), self.config.action)
+        return unit * jp.array(joint_scale(self.config.action))
 
     def _inputs(
         self,
@@ -201,7 +201,7 @@ class LocoEnv:
             dropped=trace.dropped.astype(jp.float32),
             action=command,
             last_action=before.episode.last_action,
-            action_change=jp.sum((change / action_lib.scale(self.config.action)) ** 2),
+            action_change=jp.sum((change / jp.array(joint_scale(self.config.action))) ** 2),
             up=rotations.upright(after.physics.qpos[3:7]),
             height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
             qpos=after.physics.qpos,

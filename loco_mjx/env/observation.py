@@ -14,14 +14,14 @@ from loco_mjx.sensors import Readings
 
 
 def shapes(config: ObservationConfig) -> dict[str, tuple[int, ...]]:
-    """Shape of each part of the observation."""
+    """The shape of each part of the observation."""
     depth = config.depth
-    found: dict[str, tuple[int, ...]] = {"state": (config.state_size,)}
+    parts: dict[str, tuple[int, ...]] = {"state": (config.state_size,)}
     if depth.enabled:
-        found["pixels/depth"] = (depth.height, depth.width, depth.frames)
+        parts["pixels/depth"] = (depth.height, depth.width, depth.frames)
     if config.privileged:
-        found["privileged"] = (privileged.SIZE,)
-    return found
+        parts["privileged"] = (privileged.SIZE,)
+    return parts
 
 
 def delayed(trace: jax.Array, latency: jax.Array, timestep: float) -> jax.Array:

@@ -20,7 +20,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.evaluation.display import PER_METRE
 from loco_mjx.networks.policies import Networks
 from loco_mjx.ppo.actor import Actor, Held
-from loco_mjx.sharding import AXIS, spread
+from loco_mjx.sharding import AXIS, shard_map
 
 CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
 ACCELERATOR_CHUNK = 1024
@@ -103,7 +103,7 @@ class Evaluator:
         """
         self.env, self.networks, self.horizon, self.mesh = env, networks, horizon, mesh
         self.deterministic = deterministic
-        self._run = jax.jit(spread(self._on_device, mesh, (P(), P(), P()), P()))
+        self._run = jax.jit(shard_map(self._on_device, mesh, (P(), P(), P()), P()))
 
     def run(self, params: Any, normalizer: Any, seed: int, episodes: int) -> Figures:
         """Each metric of each episode, (episodes,); episode i is the same whatever their number.

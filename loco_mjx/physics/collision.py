@@ -207,8 +207,8 @@ def ground_plane(terrain: Terrain | None, point: Vector) -> Planes:
         zero = jp.zeros_like(point[2])
         return Planes(point[2], (zero, zero, zero + 1.0))
     if point[0].ndim == 2:  # many environments, each over its own heightfield
-        spread = jax.vmap(ground, in_axes=(0, -1, -1), out_axes=-1)
-        height, slope_x, slope_y = spread(terrain, point[0], point[1])
+        of_each = jax.vmap(ground, in_axes=(0, -1, -1), out_axes=-1)
+        height, slope_x, slope_y = of_each(terrain, point[0], point[1])
     else:
         height, slope_x, slope_y = ground(terrain, point[0], point[1])
     up = jax.lax.rsqrt(1.0 + slope_x * slope_x + slope_y * slope_y)

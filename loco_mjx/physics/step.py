@@ -211,7 +211,7 @@ def control_step(
 
     @one.def_vmap
     def _(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
-        out = many(*_spread(size, batched, args))
+        out = many(*_broadcast(size, batched, args))
         return out, jax.tree.map(lambda _: True, out)
 
     @jax.custom_batching.custom_vmap
@@ -221,7 +221,7 @@ def control_step(
 
     @many.def_vmap
     def _(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
-        args = _spread(size, batched, args)
+        args = _broadcast(size, batched, args)
         count = args[0].qpos.shape[1]
         merged = jax.tree.map(lambda x: x.reshape(size * count, *x.shape[2:]), args)
         out = jax.tree.map(lambda x: x.reshape(size, count, *x.shape[1:]), many(*merged))
@@ -230,7 +230,7 @@ def control_step(
     return one(state, scene, targets, dynamics)
 
 
-def _spread(size: int, batched: Any, args: Any) -> Any:
+def _broadcast(size: int, batched: Any, args: Any) -> Any:
     """The arguments, each with the mapped axis in front."""
     repeat = lambda x, is_batched: x if is_batched else jp.broadcast_to(x, (size, *jp.shape(x)))  # noqa: E731
     return jax.tree.map(repeat, args, tuple(batched))

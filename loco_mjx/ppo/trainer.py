@@ -26,7 +26,7 @@ from loco_mjx.ppo import update as update_lib
 from loco_mjx.ppo.loss import psum
 from loco_mjx.ppo.normalizer import Normalizer
 from loco_mjx.ppo.rollout import Metrics, Rollout
-from loco_mjx.sharding import AXIS, make_mesh, spread
+from loco_mjx.sharding import AXIS, make_mesh, shard_map
 
 CPU_CHUNK = 32  # samples at once on a CPU device: activations stay in the cache
 # What a key is for; folded into the seed's key.
@@ -121,7 +121,7 @@ class Trainer:
 
     def shard_map(self, part: Callable, in_specs: Any, out_specs: Any) -> Callable:
         """A function of one device's data, run on all devices of the mesh."""
-        return spread(part, self.mesh, in_specs, out_specs)
+        return shard_map(part, self.mesh, in_specs, out_specs)
 
     # Called from outside -------------------------------------------------------------------------------------------
 

@@ -23,7 +23,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import Figures, Tally, evaluation_config, figures
 from loco_mjx.run import needs, provenance
 from loco_mjx.scene.tasks import get_task
-from loco_mjx.sharding import dividing, make_mesh
+from loco_mjx.sharding import dividing_devices, make_mesh
 from loco_mjx.simcheck.replay import Recorder, Replayed, replay
 from loco_mjx.simcheck.sides import CSide, MjxSide, start
 
@@ -87,7 +87,7 @@ def simcheck(
         physics = dataclasses.replace(config.physics, iterations=solver[0], ls_iterations=solver[1])
         config = dataclasses.replace(config, physics=physics)
     env = LocoEnv(config)
-    mesh = make_mesh(dividing(episodes))
+    mesh = make_mesh(dividing_devices(episodes))
     first = start(env, seed, episodes)
     found, seconds, recorder = {}, {}, Recorder(manifest.hold, env.task.moving, manifest.default_pose)
     with ThreadPoolExecutor(os.cpu_count()) as pool:

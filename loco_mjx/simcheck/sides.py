@@ -22,7 +22,7 @@ from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.mujoco_robot import HIDDEN_GROUP, SEEN_GROUP, MujocoRobot
 from loco_mjx.deploy.observer import Observer
-from loco_mjx.env import action as action_lib
+from loco_mjx.env.action import from_offsets
 from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.env.state import State
 from loco_mjx.evaluation.episodes import keys_of
@@ -30,7 +30,7 @@ from loco_mjx.physics.step import PhysicsState, SubstepTrace
 from loco_mjx.robots import LEGS, NJOINT
 from loco_mjx.scene import mjcf
 from loco_mjx.scene.types import Scene
-from loco_mjx.sharding import AXIS, spread
+from loco_mjx.sharding import AXIS, shard_map
 
 Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 KEYS = {STATE: "state", DEPTH: "pixels/depth"}
@@ -51,8 +51,8 @@ class MjxSide:
         """Prepares the program; `pool` runs the policy, `mesh` is of `make_mesh`."""
         self._manifest, self._policy, self._pool = manifest, policy, pool
         self._mesh = mesh
-        self._config, self._scale = env.config.action, action_lib.scale(env.config.action)
-        advance = spread(jax.vmap(env.step), mesh, P(AXIS), P(AXIS))
+        self._action = env.config.action
+        advance = shard_map(jax.vmap(env.step), mesh, P(AXIS), P(AXIS))
         # Arrays without elements would come back otherwise placed, and the second step would compile again.
         self._advance = jax.jit(advance, out_shardings=NamedSharding(mesh, P(AXIS)))
         self._held = DepthHold(manifest.hold)
@@ -66,13 +66,12 @@ class MjxSide:
         obs = {name: np.asarray(state.obs[KEYS[name]]) for name in self._manifest.shapes}
         if DEPTH in obs:
             obs[DEPTH] = self._held(obs[DEPTH])
-        action = np.zeros((len(alive), NJOINT))
+        offsets = np.zeros((len(alive), NJOINT))
         going = np.flatnonzero(alive)
         targets = list(self._pool.map(lambda i: self._policy({name: obs[name][i] for name in obs}), going))
         if targets:
-            away = np.array(targets) - self._manifest.default_pose
-            action[going] = np.divide(away, self._scale, out=np.zeros_like(away), where=self._scale > 0)
-        return self._advance(state, jp.asarray(action_lib.of_policy(action, self._config), jp.float32))
+            offsets[going] = np.array(targets) - self._manifest.default_pose
+        return self._advance(state, jp.asarray(from_offsets(offsets, self._action), jp.float32))
 
 
 class WatchedRobot(MujocoRobot):

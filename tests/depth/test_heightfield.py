@@ -20,7 +20,7 @@ from tests.known_robots import A1
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
 CONFIG = DepthConfig()
-see = jax.jit(partial(render, config=CONFIG))
+see = jax.jit(partial(render, mount=A1.camera, config=CONFIG))
 SHAPE, ORIGIN, CELL = (150, 140), (-2.0, -7.0), 0.1
 X = ORIGIN[0] + CELL * np.arange(SHAPE[0])[:, None]
 Y = ORIGIN[1] + CELL * np.arange(SHAPE[1])[None, :]

@@ -14,7 +14,7 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx.config import DepthConfig
 from loco_mjx.depth import primitives
-from loco_mjx.depth.render import _gather, look, render, trace
+from loco_mjx.depth.render import _gather, cast_rays, cull, render
 from loco_mjx.scene.types import Boxes, Cylinders, Scene, Spheres, Terrain
 from tests.known_robots import A1
 
@@ -25,7 +25,8 @@ AHEAD = 0.2309  # the camera ahead of the base
 HALF = np.sqrt(0.5)
 HIGH = 20.0  # m, where the ground is out of sight
 Rows = Sequence[Sequence[float]]
-see = jax.jit(partial(render, config=CONFIG))
+image_of = partial(render, mount=A1.camera, config=CONFIG)
+see = jax.jit(image_of)
 
 
 def make_scene(
@@ -175,13 +176,13 @@ def test_batches_equal_single_frames() -> None:
     scenes = jax.vmap(scene)(keys)
     poses = jp.stack([at(0, y, 0.4) for y in (-1.0, 0.0, 1.0)])
     single = [see(jax.tree.map(lambda leaf, i=i: leaf[i], scenes), poses[i]) for i in range(3)]
-    np.testing.assert_allclose(jax.jit(jax.vmap(partial(render, config=CONFIG)))(scenes, poses), single, atol=1e-5)
+    np.testing.assert_allclose(jax.jit(jax.vmap(image_of))(scenes, poses), single, atol=1e-5)
     # one scene seen from several poses, one pose in several scenes, and two batch axes
-    shared = jax.jit(jax.vmap(partial(render, config=CONFIG), (None, 0)))(scene(keys[1]), poses)
+    shared = jax.jit(jax.vmap(image_of, (None, 0)))(scene(keys[1]), poses)
     np.testing.assert_allclose(shared[1], single[1], atol=1e-5)
-    shared = jax.jit(jax.vmap(partial(render, config=CONFIG), (0, None)))(scenes, poses[2])
+    shared = jax.jit(jax.vmap(image_of, (0, None)))(scenes, poses[2])
     np.testing.assert_allclose(shared[2], single[2], atol=1e-5)
-    twice = jax.jit(jax.vmap(jax.vmap(partial(render, config=CONFIG), (None, 0)), (0, None)))(scenes, poses)
+    twice = jax.jit(jax.vmap(jax.vmap(image_of, (None, 0)), (0, None)))(scenes, poses)
     np.testing.assert_allclose(twice[0, 0], single[0], atol=1e-5)
     np.testing.assert_allclose(twice[1, 1], single[1], atol=1e-5)
 
@@ -197,10 +198,10 @@ def test_leaving_out_what_is_not_in_view_changes_no_pixel(monkeypatch: pytest.Mo
     )
     quats = rng.normal(size=(24, 4))
     poses = jp.stack([at(0, 0, HIGH, quat / np.linalg.norm(quat)) for quat in quats])
-    views = jax.jit(jax.vmap(partial(look, config=CONFIG), (None, 0)))(scene, poses)
+    views = jax.jit(jax.vmap(partial(cull, mount=A1.camera, config=CONFIG), (None, 0)))(scene, poses)
     for shapes, number in ((views.boxes, 10), (views.turned_boxes, 10), (views.spheres, 10), (views.cylinders, 10)):
         assert 0 < shapes.count.mean() < 0.5 * number
-    images = jax.jit(jax.vmap(partial(render, config=CONFIG), (None, 0)))(scene, poses)
+    images = jax.jit(jax.vmap(image_of, (None, 0)))(scene, poses)
     for kind in ("boxes", "spheres", "cylinders"):
         monkeypatch.setattr(primitives, f"{kind}_in_view", lambda planes, shapes, center: jp.ones(len(center), bool))
     all_tested = jax.jit(jax.vmap(lambda pose: render(scene, pose, A1.camera, CONFIG)))(poses)
@@ -236,7 +237,7 @@ def test_a_longer_scene_is_the_same_image_without_a_sort() -> None:
     pose = at(0, 0, 0.4)
     assert len(np.unique(see(short, pose))) > 200
     np.testing.assert_array_equal(see(short, pose), see(long, pose))
-    assert "stablehlo.sort" not in jax.jit(partial(look, config=CONFIG)).lower(long, pose).as_text()
+    assert "stablehlo.sort" not in jax.jit(partial(cull, mount=A1.camera, config=CONFIG)).lower(long, pose).as_text()
 
 
 def test_all_frames_at_once_equal_single_frames() -> None:
@@ -248,10 +249,10 @@ def test_all_frames_at_once_equal_single_frames() -> None:
         terrain=Terrain(0.05 * jax.random.uniform(jax.random.PRNGKey(0), (120, 100)), (-1.0, -5.0), 0.1),
     )
     poses = jp.stack([at(x, 0, 0.4) for x in (-0.5, 2.5, 6.5)])
-    views = jax.jit(jax.vmap(partial(look, config=CONFIG), (None, 0)))(scene, poses)
+    views = jax.jit(jax.vmap(partial(cull, mount=A1.camera, config=CONFIG), (None, 0)))(scene, poses)
     assert len(set(np.asarray(views.boxes.count))) == 3
-    in_turn = jax.jit(jax.vmap(partial(render, config=CONFIG), (None, 0)))(scene, poses)
-    at_once = jax.jit(jax.vmap(partial(trace, config=CONFIG)))(views)
+    in_turn = jax.jit(jax.vmap(image_of, (None, 0)))(scene, poses)
+    at_once = jax.jit(jax.vmap(partial(cast_rays, config=CONFIG)))(views)
     np.testing.assert_allclose(at_once, in_turn, atol=1e-5)
 
 
@@ -259,7 +260,7 @@ def test_all_frames_at_once_equal_single_frames() -> None:
 def test_sharded_over_devices(check_vma: bool) -> None:
     scene = make_scene(boxes=[(3, 0, 0.5, 0.2, 0.3, 0.5, 0.0), (5, 1, 0.5, 0.2, 0.3, 0.5, 0.3)])
     poses = jp.stack([at(0, y, 0.4) for y in (-1.0, 1.0)])
-    many = jax.vmap(partial(render, config=CONFIG), (None, 0))
+    many = jax.vmap(image_of, (None, 0))
     mesh = Mesh(np.array(jax.devices()[:2]), ("shard",))
     split = jax.shard_map(many, mesh=mesh, in_specs=(P(), P("shard")), out_specs=P("shard"), check_vma=check_vma)
     np.testing.assert_allclose(jax.jit(split)(scene, poses), jax.jit(many)(scene, poses), atol=1e-6)
@@ -282,9 +283,9 @@ def test_seeds_of_frames_are_the_same_frames():
     ]
     scenes = [make_scene(boxes=row) for row in rows]
     qpos = jp.array([[0.05 * i, 0.0, 0.27, 1.0, 0.0, 0.0, 0.0] for i in range(6)], jp.float32)
-    single = jax.jit(partial(render, config=config))
+    single = jax.jit(partial(render, mount=A1.camera, config=config))
     expected = np.stack([single(scene, pose) for scene, pose in zip(scenes, qpos, strict=True)])
     grid = jax.tree.map(lambda *leaves: jp.stack(leaves).reshape(2, 3, *leaves[0].shape), *scenes)
-    found = jax.jit(jax.vmap(jax.vmap(partial(render, config=config))))(grid, qpos.reshape(2, 3, 7))
+    found = jax.jit(jax.vmap(jax.vmap(partial(render, mount=A1.camera, config=config))))(grid, qpos.reshape(2, 3, 7))
     np.testing.assert_allclose(found.reshape(expected.shape), expected, atol=1e-5)
     assert len(np.unique(expected.reshape(6, -1), axis=0)) > 3
