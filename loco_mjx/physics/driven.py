@@ -60,7 +60,7 @@ def _motors(model: PhysicsModel, command: MotorCommand, dynamics: Dynamics) -> M
     def torque(angle: jax.Array, velocity: jax.Array) -> jax.Array:
         limit = column(model.robot.torque_limit, angle)
         wanted = command.torque + command.kp * (command.angles - angle) + command.kd * (command.velocities - velocity)
-        return jp.clip(dynamics.strength * wanted - dynamics.motor_friction * velocity, -limit, limit)
+        return jp.clip(dynamics.motor_strength * wanted - dynamics.motor_friction * velocity, -limit, limit)
 
     return torque
 

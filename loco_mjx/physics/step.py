@@ -47,7 +47,7 @@ class Dynamics:
     Attributes:
         kp: N·m/rad.
         kd: N·m·s/rad.
-        strength: (12,) factor on each motor's torque.
+        motor_strength: (12,) factor on each motor's torque.
         motor_friction: viscous, N·m·s/rad.
         friction: lateral coefficient of feet and knees.
         mass: factor on every body's mass.
@@ -56,7 +56,7 @@ class Dynamics:
 
     kp: jax.Array
     kd: jax.Array
-    strength: jax.Array
+    motor_strength: jax.Array
     motor_friction: jax.Array
     friction: jax.Array
     mass: jax.Array
@@ -187,7 +187,7 @@ def _control_steps(
     limit, gains = kinematics.column(model.robot.torque_limit, state.qpos), (dynamics.kp, dynamics.kd)
 
     def motors(angle: jax.Array, velocity: jax.Array) -> jax.Array:
-        return motor_torque(targets, angle, velocity, *gains, limit, dynamics.strength, dynamics.motor_friction)
+        return motor_torque(targets, angle, velocity, *gains, limit, dynamics.motor_strength, dynamics.motor_friction)
 
     def body(state: PhysicsState, i: jax.Array) -> tuple[PhysicsState, tuple[jax.Array, ...]]:
         new, squared, contacts = physics_step(model, FusionBarrier(i >= 0), candidates, motors, dynamics, state)
