@@ -26,13 +26,13 @@ def dividing_devices(size: int) -> list[jax.Device]:
 
 
 def shard_map(part: Callable, mesh: Mesh, in_specs: Any, out_specs: Any) -> Callable:
-    """A function that runs a part of its work on every device of the mesh.
+    """As `jax.shard_map`, but arguments and constants may have no elements.
 
     Args:
-        part: what one device does with its share.
+        part: what one device does with its shard of the arguments.
         mesh: of `make_mesh`.
-        in_specs: how the arguments lie on the mesh, as for `jax.shard_map`.
-        out_specs: how the results do.
+        in_specs: PartitionSpecs of the arguments.
+        out_specs: PartitionSpecs of the results.
     """
 
     def call(*args: Any) -> Any:
@@ -42,8 +42,8 @@ def shard_map(part: Callable, mesh: Mesh, in_specs: Any, out_specs: Any) -> Call
         # has none, or MJX's list of a robot's ball joints: they are made anew on the device.
         passed = [i for i, leaf in enumerate(leaves) if leaf.size]
 
-        def on_device(*shares: jax.Array) -> Any:
-            given = dict(zip(passed, shares, strict=True))
+        def on_device(*shards: jax.Array) -> Any:
+            given = dict(zip(passed, shards, strict=True))
             made = [given[i] if i in given else _empty(leaf, specs[i], mesh) for i, leaf in enumerate(leaves)]
             return _with_own_empties(part, jax.tree.unflatten(tree, made))
 
@@ -65,5 +65,5 @@ def _with_own_empties(part: Callable, args: Sequence[Any]) -> Any:
 
 
 def _empty(leaf: jax.Array, spec: P, mesh: Mesh) -> jax.Array:
-    """One device's share of an array without elements."""
+    """One device's shard of an array without elements."""
     return jp.zeros(NamedSharding(mesh, spec).shard_shape(leaf.shape), leaf.dtype)

@@ -135,8 +135,8 @@ def bench_seeds(config: Config, seconds: float, seeds: int) -> Result:
         for learner, count, iteration, (_, first) in zip(learners, counts, iterations, started, strict=True)
     )
     ratio = together["per_second"] / single["per_second"]
-    about = {"unit": "samples", "policy": config.policy, "seeds": seeds}
-    return together | about | {"single": single, "times_in_a_row": ratio}
+    what = {"unit": "samples", "policy": config.policy, "seeds": seeds}
+    return together | what | {"single": single, "times_in_a_row": ratio}
 
 
 def _started(learner: Any) -> tuple[Rolling, float]:

@@ -129,22 +129,22 @@ def learnt(result: dict[str, Any]) -> Any:
 def measure(options: Options) -> dict[str, Any]:
     """The figures of one part."""
     num_envs = options.num_envs or NUM_ENVS
-    about = {"bench": options.part, "task": options.task, "robot": options.robot, "num_envs": num_envs}
+    what = {"bench": options.part, "task": options.task, "robot": options.robot, "num_envs": num_envs}
     if options.part == "depth":
         from loco_mjx.bench.depth import bench_depth
 
-        return about | bench_depth(options.task, num_envs, options.seconds, options.robot)
+        return what | bench_depth(options.task, num_envs, options.seconds, options.robot)
     if options.part == "physics":
         from loco_mjx.bench.physics import bench_physics
 
-        return about | bench_physics(options.task, num_envs, options.seconds, robot=options.robot)
+        return what | bench_physics(options.task, num_envs, options.seconds, robot=options.robot)
     from loco_mjx.bench import training
 
     config = training.bench_config(options.task, options.policy, num_envs, options.robot)
     if options.seeds is not None:
-        return about | training.bench_seeds(config, options.seconds, options.seeds)
+        return what | training.bench_seeds(config, options.seconds, options.seeds)
     run = training.bench_env if options.part == "env" else training.bench_train
-    return about | run(config, options.seconds)
+    return what | run(config, options.seconds)
 
 
 def table(result: dict[str, Any]) -> Any:

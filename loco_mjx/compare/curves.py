@@ -145,7 +145,7 @@ def _figure(
     figure, axes = plt.subplots(lines, 2, figsize=(11, 3.5 * lines), constrained_layout=True)
     for i, (panel, axis) in enumerate(zip(shown, axes.flat, strict=True)):
         for color, (label, curves) in enumerate(methods.items()):
-            _line(axis, curves[i], label, f"C{color}")
+            draw_line(axis, curves[i], label, f"C{color}")
         axis.set(title=panel[0], xlabel="samples", ylabel=panel[1])
         axis.xaxis.set_major_formatter(EngFormatter(sep=""))
         axis.grid(alpha=0.3)
@@ -164,7 +164,8 @@ def _figure(
     return files
 
 
-def _line(axis: Any, curve: Curve | None, label: str, color: str) -> None:
+def draw_line(axis: Any, curve: Curve | None, label: str, color: str) -> None:
+    """Draws a curve with its deviation; nothing without one."""
     if curve is None:
         return
     seeds = f"{curve.seeds} seed" + ("" if curve.seeds == 1 else "s")

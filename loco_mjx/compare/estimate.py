@@ -182,7 +182,7 @@ def _caption(cells: Sequence[Cell]) -> str:
     if all(cell.eval_tasks == (cell.task,) for cell in cells):
         where = "the task it is trained on"
     else:
-        lists = dict.fromkeys(", ".join(cell.eval_tasks) for cell in cells)
-        where = next(iter(lists)) if len(lists) == 1 else "the tasks of its experiment"
+        wheres = dict.fromkeys(", ".join(cell.eval_tasks) for cell in cells)
+        where = next(iter(wheres)) if len(wheres) == 1 else "the tasks of its experiment"
     times = "times are estimates, compilation and evaluations included"
     return f"each evaluated on {where}, {cells[0].episodes} episodes; {times}"

@@ -14,12 +14,13 @@ from flax import traverse_util
 
 from loco_mjx.deploy import converted, description, folder, graph, trained
 from loco_mjx.deploy.description import DEPTH, STATE
+from loco_mjx.env.action import joint_scale, per_joint
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
 from loco_mjx.networks.policies import POLICIES
 from loco_mjx.networks.policies import STATE as STATE_KEY
 from loco_mjx.ppo import normalizer as normalizer_lib
-from loco_mjx.robots import LEGS, ROBOTS, get_robot, is_path
+from loco_mjx.robots import ROBOTS, get_robot, is_path
 from loco_mjx.run import provenance
 from loco_mjx.run.directory import read_json, write_json
 from loco_mjx.run.policy import TrainedPolicy, observation_shapes
@@ -110,17 +111,16 @@ def target_function(policy: TrainedPolicy) -> Callable[..., jax.Array]:
     """The policy in JAX: (..., n) `state` and (..., H, W, frames) `depth`, as read, to (..., 12) targets in rad."""
     actor = policy.actor()
     names = tuple(inputs(policy))
-    size, robot = policy.config.env.observation.state_size, get_robot(policy.config.env.robot)
+    config = policy.config.env
+    size, robot = config.observation.state_size, get_robot(config.robot)
 
     def targets(*arrays: jax.Array) -> jax.Array:
         obs = {KEYS[name]: array for name, array in zip(names, arrays, strict=True)}
         if STATE_KEY not in obs:  # whoever reads depth alone
             obs[STATE_KEY] = jp.zeros((*obs[DEPTH_KEY].shape[:-3], size))
         action, _ = actor.act(obs)
-        if policy.config.env.action.diagonal:
-            right, left = action[..., :3], action[..., 3:]
-            action = jp.concatenate([right, left, left, right], axis=-1)
-        return jp.array(robot.default_pose) + jp.tile(jp.array(policy.config.env.action.scale), len(LEGS)) * action
+        scaled = jp.array(joint_scale(config.action)) * per_joint(action, config.action)
+        return jp.array(robot.default_pose) + scaled
 
     return targets
 
@@ -151,7 +151,7 @@ def onnx_model(policy: TrainedPolicy) -> Any:
         clip=normalizer_lib.CLIP,
         shapes=inputs(policy),
         default_pose=np.array(get_robot(policy.config.env.robot).default_pose),
-        scale=np.tile(np.array(policy.config.env.action.scale), len(LEGS)),
+        scale=joint_scale(policy.config.env.action),
     )
     return graph.build(policy.config, jax.tree.map(np.asarray, policy.params["params"]), ends)
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from loco_mjx.config import Config
 from loco_mjx.deploy.description import DEPTH, STATE, TARGETS
+from loco_mjx.env.action import DIAGONAL
 from loco_mjx.robots import NJOINT
 
 OPSET, IR_VERSION = 17, 8  # LayerNormalization came with 17; onnxruntime 1.14 and TensorRT 8.6 read both
@@ -195,8 +196,8 @@ def build(config: Config, params: Tree, ends: Ends) -> Any:
     state = _normalized(b, ends) if STATE in ends.shapes else ""
     features = FEATURES[config.policy](b, params, config, state)
     action = b.op("Tanh", b.head(features, params["policy_head"]["mean"]))
-    if config.env.action.diagonal:  # (FR, RL) share three, (FL, RR) share three
-        action = b.op("Gather", action, b.constant([0, 1, 2, 3, 4, 5, 3, 4, 5, 0, 1, 2], np.int64), axis=0)
+    if config.env.action.diagonal:
+        action = b.op("Gather", action, b.constant(list(DIAGONAL), np.int64), axis=0)
     scaled = b.op("Mul", action, b.constant(ends.scale))
     b.op("Add", scaled, b.constant(ends.default_pose))
     return _model(b, ends.shapes)

@@ -14,10 +14,11 @@ from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
 from loco_mjx.env import metrics, privileged, randomization, reward
 from loco_mjx.env import observation as obs_lib
+from loco_mjx.env.action import joint_scale, per_joint
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
 from loco_mjx.physics.step import PhysicsState, SubstepTrace, control_step, initial_state
-from loco_mjx.robots import LEGS, NJOINT, get_robot
+from loco_mjx.robots import NJOINT, get_robot
 from loco_mjx.scene import motion, pool, query, surface
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
@@ -51,13 +52,7 @@ class LocoEnv:
     @property
     def observation_size(self) -> dict[str, tuple[int, ...]]:
         """Shape of each part of the observation."""
-        obs, depth = self.config.observation, self.config.observation.depth
-        sizes: dict[str, tuple[int, ...]] = {"state": (obs.state_size,)}
-        if depth.enabled:
-            sizes["pixels/depth"] = (depth.height, depth.width, depth.frames)
-        if obs.privileged:
-            sizes["privileged"] = (privileged.SIZE,)
-        return sizes
+        return obs_lib.shapes(self.config.observation)
 
     @property
     def dt(self) -> float:
@@ -176,11 +171,8 @@ class LocoEnv:
 
     def _command(self, action: jax.Array) -> jax.Array:
         """(12,) joint targets relative to the default pose, rad."""
-        unit = jp.clip(action, -1.0, 1.0)
-        if self.config.action.diagonal:
-            right, left = unit[:3], unit[3:]
-            unit = jp.concatenate([right, left, left, right])
-        return unit * jp.tile(jp.array(self.config.action.scale), len(LEGS))
+        unit = per_joint(jp.clip(action, -1.0, 1.0), self.config.action)
+        return unit * jp.array(joint_scale(self.config.action))
 
     def _inputs(
         self,
@@ -209,7 +201,7 @@ class LocoEnv:
             dropped=outcome.dropped.astype(jp.float32),
             action=command,
             last_action=before.episode.last_action,
-            action_change=jp.sum((change / jp.tile(jp.array(self.config.action.scale), len(LEGS))) ** 2),
+            action_change=jp.sum((change / jp.array(joint_scale(self.config.action))) ** 2),
             up=rotations.upright(after.physics.qpos[3:7]),
             height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
             qpos=after.physics.qpos,

@@ -7,6 +7,7 @@ import jax.numpy as jp
 
 from loco_mjx import rotations
 from loco_mjx.config import ObservationConfig
+from loco_mjx.env import privileged
 from loco_mjx.physics.step import SubstepTrace
 from loco_mjx.robots import NJOINT, Robot
 
@@ -17,6 +18,17 @@ SENSORS: dict[str, int] = {"displacement": 3, "imu": 4, "last_action": NJOINT, "
 def sensors(config: ObservationConfig) -> dict[str, int]:
     """The sensors in use and their sizes per frame, in the order of the `state` vector."""
     return {name: size for name, size in SENSORS.items() if name != "displacement" or config.displacement}
+
+
+def shapes(config: ObservationConfig) -> dict[str, tuple[int, ...]]:
+    """The shape of each part of the observation."""
+    depth = config.depth
+    parts: dict[str, tuple[int, ...]] = {"state": (config.state_size,)}
+    if depth.enabled:
+        parts["pixels/depth"] = (depth.height, depth.width, depth.frames)
+    if config.privileged:
+        parts["privileged"] = (privileged.SIZE,)
+    return parts
 
 
 def delayed(trace: jax.Array, latency: jax.Array, timestep: float) -> jax.Array:

@@ -71,12 +71,12 @@ class Actor:
             step: () of the clock.
             restarted: (...) or () bool, whether an episode begins here.
         """
-        seen = policy_input(obs, self.normalizer)
+        inputs = policy_input(obs, self.normalizer)
         if held is not None:
             refresh = (step % self.networks.hold == 0) | jp.asarray(restarted)
             refresh = jp.reshape(refresh, (*refresh.shape, *(1,) * (held.ndim - refresh.ndim)))
-            seen[DEPTH] = held = jp.where(refresh, seen[DEPTH], held)
-        return self.networks.apply(self.params, seen), held
+            inputs[DEPTH] = held = jp.where(refresh, inputs[DEPTH], held)
+        return self.networks.apply(self.params, inputs), held
 
     def act(
         self, obs: Observation, held: Held = None, step: jax.Array | int = 0, key: jax.Array | None = None

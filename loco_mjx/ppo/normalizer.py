@@ -15,7 +15,7 @@ class Normalizer:
     """Statistics of a vector.
 
     Attributes:
-        count: () how many vectors were seen.
+        count: () how many vectors were added.
         mean: (n,) their mean.
         squares: (n,) their summed squared deviations from the mean.
     """
@@ -26,7 +26,7 @@ class Normalizer:
 
 
 def create(size: int) -> Normalizer:
-    """Statistics before anything was seen: normalising changes nothing but clips."""
+    """Statistics of no vectors: normalising only clips."""
     return Normalizer(jp.zeros((), jp.float32), jp.zeros(size, jp.float32), jp.zeros(size, jp.float32))
 
 
@@ -64,7 +64,7 @@ def update(normalizer: Normalizer, x: jax.Array, weight: jax.Array, axis_name: s
 
 
 def std(normalizer: Normalizer) -> jax.Array:
-    """(n,) standard deviations; 1 before anything was seen."""
+    """(n,) standard deviations; 1 without any vectors."""
     variance = normalizer.squares / jp.maximum(normalizer.count, 1.0)
     return jp.sqrt(jp.where(normalizer.count > 0, variance, 1.0) + _EPSILON)
 

@@ -63,8 +63,8 @@ class Experience:
         stored = self.rollout.frames
         if stored is not None and self.starts is not None:
             count = stored.shape[0] - self.rollout.reward.shape[0]
-            seen = held_since(step, self.starts[step, column], self.hold)
-            obs[DEPTH] = frame_stack.stack(stored, self.starts, seen, column, count)
+            acted_on = held_since(step, self.starts[step, column], self.hold)
+            obs[DEPTH] = frame_stack.stack(stored, self.starts, acted_on, column, count)
         if self.rollout.privileged is not None:
             obs[PRIVILEGED] = self.rollout.privileged[step, column]
         return obs

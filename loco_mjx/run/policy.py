@@ -12,7 +12,7 @@ import jax.numpy as jp
 from jax.sharding import SingleDeviceSharding
 
 from loco_mjx.config import Config
-from loco_mjx.env import privileged
+from loco_mjx.env import observation
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import Networks, make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
@@ -67,13 +67,7 @@ def load_policy(path: Path, step: int | str | None = None) -> TrainedPolicy:
 
 def observation_shapes(config: Config) -> dict[str, tuple[int, ...]]:
     """Shape of each part of the observation of a configuration's environment."""
-    obs = config.env.observation
-    shapes: dict[str, tuple[int, ...]] = {"state": (obs.state_size,)}
-    if obs.depth.enabled:
-        shapes["pixels/depth"] = (obs.depth.height, obs.depth.width, obs.depth.frames)
-    if obs.privileged:
-        shapes["privileged"] = (privileged.SIZE,)
-    return shapes
+    return observation.shapes(config.env.observation)
 
 
 def parameter_shapes(config: Config, networks: Networks) -> Any:

@@ -22,6 +22,7 @@ from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.mujoco_robot import HIDDEN_GROUP, SEEN_GROUP, MujocoRobot
 from loco_mjx.deploy.observer import Observer
+from loco_mjx.env.action import from_offsets
 from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.env.state import State
 from loco_mjx.evaluation.episodes import keys_of
@@ -50,8 +51,7 @@ class MjxSide:
         """Prepares the program; `pool` runs the policy, `mesh` is of `make_mesh`."""
         self._manifest, self._policy, self._pool = manifest, policy, pool
         self._mesh = mesh
-        self._scale = np.tile(np.array(env.config.action.scale), len(LEGS))
-        self._diagonal = env.config.action.diagonal
+        self._action = env.config.action
         advance = shard_map(jax.vmap(env.step), mesh, P(AXIS), P(AXIS))
         # Arrays without elements would come back otherwise placed, and the second step would compile again.
         self._advance = jax.jit(advance, out_shardings=NamedSharding(mesh, P(AXIS)))
@@ -66,15 +66,12 @@ class MjxSide:
         obs = {name: np.asarray(state.obs[KEYS[name]]) for name in self._manifest.shapes}
         if DEPTH in obs:
             obs[DEPTH] = self._held(obs[DEPTH])
-        action = np.zeros((len(alive), NJOINT))
+        offsets = np.zeros((len(alive), NJOINT))
         going = np.flatnonzero(alive)
         targets = list(self._pool.map(lambda i: self._policy({name: obs[name][i] for name in obs}), going))
         if targets:
-            away = np.array(targets) - self._manifest.default_pose
-            action[going] = np.divide(away, self._scale, out=np.zeros_like(away), where=self._scale > 0)
-        if self._diagonal:
-            action = action[:, : NJOINT // 2]  # FR and FL; the others follow
-        return self._advance(state, jp.asarray(action, jp.float32))
+            offsets[going] = np.array(targets) - self._manifest.default_pose
+        return self._advance(state, jp.asarray(from_offsets(offsets, self._action), jp.float32))
 
 
 class WatchedRobot(MujocoRobot):

@@ -68,7 +68,7 @@ def test_a_line_shows_its_mean_and_the_deviation_around_it():
 
     figure, axis = plt.subplots()
     two = curves.Curve(np.array([1e6, 2e6]), np.array([1.0, 5.0]), np.array([0.5, 1.0]), 2)
-    curves._line(axis, two, "hrl", "C0")
+    curves.draw_line(axis, two, "hrl", "C0")
     (line,) = axis.lines
     assert line.get_xdata().tolist() == [1e6, 2e6] and line.get_ydata().tolist() == [1.0, 5.0]
     assert line.get_label() == "hrl, 2 seeds"
