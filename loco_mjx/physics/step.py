@@ -43,7 +43,7 @@ class Dynamics:
     Attributes:
         kp: N·m/rad.
         kd: N·m·s/rad.
-        strength: (12,) factor on each motor's torque.
+        motor_strength: (12,) factor on each motor's torque.
         motor_friction: viscous, N·m·s/rad.
         friction: lateral coefficient of feet and knees.
         mass: factor on every body's mass.
@@ -52,7 +52,7 @@ class Dynamics:
 
     kp: jax.Array
     kd: jax.Array
-    strength: jax.Array
+    motor_strength: jax.Array
     motor_friction: jax.Array
     friction: jax.Array
     mass: jax.Array
@@ -135,7 +135,7 @@ def _physics_step(
     """The next state, the squared torque and whether an obstacle is touched. Environments last in every array."""
     robot, qpos, qvel = model.robot, state.qpos, state.qvel
     limit, gains = kinematics.column(robot.torque_limit, qpos), (dynamics.kp, dynamics.kd)
-    torque = motor_torque(targets, qpos[7:], qvel[6:], *gains, limit, dynamics.strength, dynamics.motor_friction)
+    torque = motor_torque(targets, qpos[7:], qvel[6:], *gains, limit, dynamics.motor_strength, dynamics.motor_friction)
     dynamics_of = jax.vmap(lambda *args: _qM_and_qfrc_bias(model, *args), in_axes=-1, out_axes=-1)
     qM, qfrc_bias = barrier(dynamics_of, qpos, qvel, dynamics.mass, dynamics.inertia)
     pose = barrier(lambda qpos: kinematics.pose(robot, qpos), qpos)
