@@ -70,5 +70,5 @@ class Walking(Rollout):
         driven = driven.replace(physics=world.physics)  # type: ignore[attr-defined]
         how = world.randomization.dynamics
         driven, trace, facts = driven_steps(self.env.physics, self._controller, driven, scene, how, *self._size)
-        state = self.env.conclude(state, scene, driven.physics, trace, jp.zeros(NJOINT))
+        state = self.env.finish_step(state, scene, driven.physics, trace, jp.zeros(NJOINT))
         return self.env.observe(state), driven, jp.sum(facts.unsolved)
