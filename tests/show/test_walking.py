@@ -1,0 +1,21 @@
+"""`play --controller mpc`: the environment's episodes, walked by the whole-body controller."""
+
+import dataclasses
+
+import numpy as np
+
+from loco_mjx.config import DepthConfig, ObservationConfig
+from loco_mjx.show.rollout import Agent
+from loco_mjx.show.walking import Walking
+
+
+def test_it_walks_in_the_tasks_scenes():
+    agent = Agent("zero")
+    blind = ObservationConfig(depth=DepthConfig(enabled=False))
+    rollout = Walking(agent, dataclasses.replace(agent.env_config("thin"), observation=blind), (0.4, 0.0))
+    first = rollout.reset(3)
+    moments = [rollout.step() for _ in range(40)]
+    assert not any(moment.done for moment in moments) and rollout.unsolved == 0
+    last = moments[-1]
+    assert last.step == 40 and 0.35 < last.distance < 0.75  # 1.6 s, from standing
+    np.testing.assert_allclose(last.qpos[0] - first.qpos[0], last.distance, atol=1e-4)
