@@ -6,16 +6,20 @@ import sys
 from pathlib import Path
 
 import jax
+import mujoco
 import numpy as np
 import pytest
 
 import loco_mjx
 from loco_mjx.cli.main import main
+from loco_mjx.config import Config, EnvConfig
 from loco_mjx.config.reward_terms import REWARDS
 from loco_mjx.deploy import folder, trained
 from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
 from loco_mjx.networks.policies import POLICIES
+from loco_mjx.robots import ROBOTS
+from loco_mjx.run import needs
 from loco_mjx.run.directory import load_config
 from loco_mjx.run.logger import read_rows
 from loco_mjx.scene.tasks import TASKS
@@ -90,6 +94,19 @@ def test_training_from_python_stops_when_it_walks_well_enough(tmp_path, monkeypa
     result = module.main(str(tmp_path / "run"), **TINY)
     assert result["samples"] == 16 and "distance" in result["metrics"]  # stopped after the first iteration
     assert capsys.readouterr().out.count("reward per step") == 1
+
+
+def test_a_robot_of_ones_own(tmp_path):
+    try:
+        words = ["--import", str(EXAMPLES / "custom_robot.py"), "--robot", "go2-loaded", "--out"]
+        assert main(["scene", *words, str(tmp_path / "own.xml")]) == 0
+        assert main(["scene", "--robot", "go2", "--out", str(tmp_path / "go2.xml")]) == 0
+        own, plain = (mujoco.MjModel.from_xml_path(str(tmp_path / f"{name}.xml")) for name in ("own", "go2"))
+        assert own.body_mass.sum() - plain.body_mass.sum() == pytest.approx(2.0)
+        assert needs.with_imports(Config(env=EnvConfig(robot="go2-loaded"))).imports == (words[1],)
+    finally:
+        sys.modules.pop("custom_robot", None)
+        ROBOTS.unregister("go2-loaded")
 
 
 def test_acting_in_a_loop(capsys):

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from loco_mjx import sensors
 from loco_mjx.config.reward_terms import Weights, default_weights
 from loco_mjx.ranges import SEED, Each, Range
 from loco_mjx.robots import DEFAULT, NJOINT
@@ -82,7 +83,7 @@ class ObservationConfig:
     @property
     def state_size(self) -> int:
         """Length of the `state` vector."""
-        per_frame = NJOINT + 4 + NJOINT + (3 if self.displacement else 0)
+        per_frame = sum(sensor.size for sensor in sensors.in_use(self).values())
         return self.state_frames * per_frame + (3 if self.goal else 0)
 
 

@@ -13,21 +13,21 @@ from typing import Any
 
 from loco_mjx.config import Config, DepthConfig, ObservationConfig, to_dict
 from loco_mjx.robots import NJOINT, Robot, get_robot, joint_names
+from loco_mjx.sensors import SENSORS, in_use
 
 FORMAT, VERSION = "loco-mjx policy", 2
 STATE, DEPTH, TARGETS = "state", "depth", "targets"
 SEAL = "sha256"  # the manifest's own hash
-# What each field of `state` is: size per frame, unit and meaning.
-FIELDS: dict[str, tuple[int, str, str]] = {
-    "displacement": (3, "m", "base displacement x, y, z over the last control step, world frame"),
-    "imu": (4, "rad, rad, rad/s, rad/s", "roll, pitch, roll rate, pitch rate; rates in the trunk's frame"),
-    "last_action": (NJOINT, "rad", "last joint targets minus the default pose, in the order of the joints"),
-    "angles": (NJOINT, "rad", "joint angles, in the order of the joints"),
-    "goal": (3, "m", "vector from the base to the goal, turned into the base's heading"),
-}
+GOAL = (3, "m", "vector from the base to the goal, turned into the base's heading")
 NEWEST_FIRST = "newest first"
 ENCODING = "(sqrt(ln(d + 1)) - code_offset) / code_scale"
 CODE_OFFSET, CODE_SCALE = 1.25, 0.425
+
+
+def fields() -> dict[str, tuple[int, str, str]]:
+    """What each field of `state` is: size per frame, unit and meaning."""
+    own = {name: (sensor.size, sensor.unit, sensor.meaning) for name, sensor in SENSORS.items()}
+    return own | {"goal": GOAL}
 
 
 def describe(config: Config, inputs: Collection[str], hold: int, robot: Robot | None = None) -> dict[str, Any]:
@@ -80,16 +80,17 @@ def sealed(manifest: Mapping[str, Any]) -> str:
 
 
 def _state(config: ObservationConfig) -> dict[str, Any]:
-    frames = {name: 1 if name == "goal" else config.state_frames for name in FIELDS}
-    absent = {"displacement": not config.displacement, "goal": not config.goal}
-    fields: list[dict[str, Any]] = []
+    known = fields()
+    frames = {name: 1 if name == "goal" else config.state_frames for name in known}
+    names = [*in_use(config), *(["goal"] if config.goal else [])]
+    parts: list[dict[str, Any]] = []
     offset = 0
-    for name in (name for name in FIELDS if not absent.get(name, False)):
-        size, unit, meaning = FIELDS[name]
+    for name in names:
+        size, unit, meaning = known[name]
         part = {"name": name, "offset": offset, "size": size, "frames": frames[name], "order": NEWEST_FIRST}
-        fields.append(part | {"unit": unit, "meaning": meaning})
+        parts.append(part | {"unit": unit, "meaning": meaning})
         offset += size * frames[name]
-    return {"shape": [offset], "normalised": False, "fields": fields}
+    return {"shape": [offset], "normalised": False, "fields": parts}
 
 
 def torque_limit(robot: Robot) -> float | tuple[float, ...]:

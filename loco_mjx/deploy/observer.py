@@ -10,8 +10,7 @@ from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.deploy.folder import Camera, Manifest
 from loco_mjx.deploy.robot import Frame, Sensors
 from loco_mjx.errors import UserError
-
-KNOWN = ("displacement", "imu", "last_action", "angles")
+from loco_mjx.sensors import SENSORS, Readings, measure
 
 
 def check_readable(manifest: Manifest, position_known: bool) -> None:
@@ -28,9 +27,9 @@ def check_readable(manifest: Manifest, position_known: bool) -> None:
         raise UserError(
             "the policy reads the goal, which no robot measures; train one with --env.observation.goal False"
         )
-    unknown = [field.name for field in manifest.fields if field.name not in KNOWN]
+    unknown = [field.name for field in manifest.fields if field.name not in SENSORS]
     if unknown:
-        raise UserError(f"the policy reads '{unknown[0]}', which no robot measures; accepted: {', '.join(KNOWN)}")
+        raise UserError(f"the policy reads '{unknown[0]}', which no robot measures; accepted: {', '.join(SENSORS)}")
     if manifest.reads("displacement") and not position_known:
         raise UserError(
             "the policy reads the base's displacement, which this robot does not measure; "
@@ -81,16 +80,18 @@ class Observer:
         return obs
 
     def _measured(self, sensors: Sensors, targets: np.ndarray) -> dict[str, np.ndarray]:
-        now = {
-            "imu": np.concatenate([rotations.roll_pitch(rotations.unit(sensors.quat)), sensors.gyro[:2]]),
-            "last_action": targets - self._manifest.default_pose,
-            "angles": sensors.angles,
-        }
-        if self._manifest.reads("displacement") and sensors.position is not None:
-            before = sensors.position if self._position is None else self._position
-            now["displacement"] = sensors.position - before
+        displacement = None
+        if sensors.position is not None:
+            displacement = sensors.position - (sensors.position if self._position is None else self._position)
             self._position = sensors.position
-        return now
+        readings = Readings(
+            quat=rotations.unit(sensors.quat),
+            gyro=sensors.gyro,
+            angles=sensors.angles,
+            last_action=targets - self._manifest.default_pose,
+            displacement=displacement,
+        )
+        return measure(readings, [field.name for field in self._manifest.fields], np)
 
     def _push(self, now: dict[str, np.ndarray]) -> None:
         for field in self._manifest.fields:

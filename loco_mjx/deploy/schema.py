@@ -208,16 +208,18 @@ _NONE = {"type": "null"}
 
 
 def _state() -> dict[str, Any]:
+    known = description.fields()
+    sizes, units, _ = zip(*known.values(), strict=True)
     field = {
-        "name": {"enum": list(description.FIELDS)},
+        "name": {"enum": list(known)},
         "offset": _number(0, 10_000, "integer"),
-        "size": _number(1, NJOINT, "integer"),
+        "size": _number(1, max(sizes), "integer"),
         "frames": _number(1, 64, "integer"),
         "order": {"const": description.NEWEST_FIRST},
-        "unit": {"enum": sorted({unit for _, unit, _ in description.FIELDS.values()})},
+        "unit": {"enum": sorted(set(units))},
         "meaning": _TEXT,
     }
-    fields = {"type": "array", "items": _object(field), "minItems": 1, "maxItems": len(description.FIELDS)}
+    fields = {"type": "array", "items": _object(field), "minItems": 1, "maxItems": len(known)}
     size = {"type": "array", "items": _number(1, 10_000, "integer"), "minItems": 1, "maxItems": 1}
     return _object({"shape": size, "normalised": {"const": False}, "fields": fields})
 

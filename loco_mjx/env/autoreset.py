@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import jax
 import jax.numpy as jp
 
-from loco_mjx.env.renewal import renew
+from loco_mjx.env.masked_reset import masked_reset
 from loco_mjx.env.state import State
 
 
@@ -29,16 +29,16 @@ class ResettableEnv(Protocol):
 
     def draw(self, key: jax.Array, scenes: Any) -> Any: ...
 
-    def begin(self, key: jax.Array, scene: Any) -> State: ...
+    def reset_to(self, key: jax.Array, scene: Any) -> State: ...
 
     def advance(self, state: State, action: jax.Array) -> State: ...
 
     def observe(self, state: State) -> State: ...
 
 
-def _begin(env: ResettableEnv, key: jax.Array, pool: Any) -> State:
+def _reset_from_pool(env: ResettableEnv, key: jax.Array, pool: Any) -> State:
     scene_key, start_key, reset_key = jax.random.split(key, 3)
-    fresh = env.begin(start_key, env.draw(scene_key, pool))
+    fresh = env.reset_to(start_key, env.draw(scene_key, pool))
     sums = {name: jp.zeros(()) for name in fresh.metrics} | {"length": jp.zeros(()), "return": jp.zeros(())}
     return fresh.replace(info=fresh.info | {"reset": jp.ones(()), "reset_key": reset_key, "episode": sums})
 
@@ -49,7 +49,7 @@ def first(env: ResettableEnv, key: jax.Array, pool: Any) -> State:
     Adds to ``info``: `reset` (1 on the first state of an episode), `episode` (sums of the metrics since the reset, with
     `length` and `return`; an episode's figures where `done` is 1) and `reset_key`.
     """
-    return env.observe(_begin(env, key, pool))
+    return env.observe(_reset_from_pool(env, key, pool))
 
 
 def step(env: ResettableEnv, state: State, action: jax.Array, pool: Any) -> State:
@@ -68,5 +68,5 @@ def step(env: ResettableEnv, state: State, action: jax.Array, pool: Any) -> Stat
     sums["length"] = state.info["episode"]["length"] + 1.0
     sums["return"] = state.info["episode"]["return"] + stepped.reward
     stepped = stepped.replace(info=stepped.info | {"reset": jp.zeros(()), "episode": sums})
-    begin = partial(_begin, env)
-    return env.observe(renew(begin, state.done > 0, state.info["reset_key"], stepped, pool))
+    reset = partial(_reset_from_pool, env)
+    return env.observe(masked_reset(reset, state.done > 0, state.info["reset_key"], stepped, pool))

@@ -108,7 +108,7 @@ class BraxEnv:
 
     def _first(self, key: jax.Array, scenes: Any) -> State:
         start_key, reset_key = jax.random.split(key)
-        state = self.env.observe(self.env.begin(start_key, jax.tree.map(lambda leaf: leaf[0], scenes)))
+        state = self.env.observe(self.env.reset_to(start_key, jax.tree.map(lambda leaf: leaf[0], scenes)))
         zero = jp.zeros(())
         sums = dict.fromkeys([*state.metrics, "sum_reward", "length"], zero)
         ours = {_KEY: reset_key, _STEPS: zero, _DONE: zero, _SUMS: sums, _SCENES: scenes}
@@ -117,7 +117,7 @@ class BraxEnv:
     def _step(self, state: State, action: jax.Array, pool: Any) -> State:
         after = self._limited(state, self.env.advance(state, action))
         key, scene_key, start_key = jax.random.split(after.info[_KEY], 3)
-        fresh = self.env.begin(start_key, self.env.draw(scene_key, pool))
+        fresh = self.env.reset_to(start_key, self.env.draw(scene_key, pool))
         # What the fresh state does not have is ours or another wrapper's; `truncation` says how the old episode ended.
         begun = {name: value for name, value in fresh.info.items() if name != "truncation"}
         old = (after.pipeline_state, after.obs, {name: after.info[name] for name in begun})

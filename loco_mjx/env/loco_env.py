@@ -45,6 +45,11 @@ class LocoEnv:
         self._model = physics_model.build(self.robot, config.physics, self.task.obstacle_slots)
 
     @property
+    def physics(self) -> physics_model.PhysicsModel:
+        """The physics of its robot, as its control steps use it."""
+        return self._model
+
+    @property
     def action_size(self) -> int:
         """Dimension of the action."""
         return self.config.action.size
@@ -74,7 +79,7 @@ class LocoEnv:
     def reset(self, key: jax.Array) -> State:
         """Starts an episode in a newly drawn scene."""
         scene_key, start_key = jax.random.split(key)
-        return self.observe(self.begin(start_key, self.task.generate(scene_key)))
+        return self.observe(self.reset_to(start_key, self.task.generate(scene_key)))
 
     def step(self, state: State, action: jax.Array) -> State:
         """One control step."""
@@ -82,7 +87,7 @@ class LocoEnv:
 
     # Their parts ----------------------------------------------------------------------------------------------------
 
-    def begin(self, key: jax.Array, scene: Scene) -> State:
+    def reset_to(self, key: jax.Array, scene: Scene) -> State:
         """The first state of an episode in the given scene, without its observation."""
         place_key, robot_key, episode_key = jax.random.split(key, 3)
         qpos = self._start_pose(place_key, scene)
@@ -105,8 +110,8 @@ class LocoEnv:
         scene = self.next_scene(state)
         before: World = state.pipeline_state
         targets = jp.array(self.robot.default_pose) + command
-        physics, outcome = control_step(self._model, before.physics, scene, targets, before.randomization.dynamics)
-        return self.conclude(state, scene, physics, outcome, command)
+        physics, trace = control_step(self._model, before.physics, scene, targets, before.randomization.dynamics)
+        return self.finish_step(state, scene, physics, trace, command)
 
     def next_scene(self, state: State) -> Scene:
         """The scene during the next control step: what moves has moved."""
@@ -116,8 +121,8 @@ class LocoEnv:
         _, motion_key = jax.random.split(state.info["key"])
         return motion.move(motion.redraw(motion_key, world.scene, world.episode.step), self.dt)
 
-    def conclude(
-        self, state: State, scene: Scene, physics: PhysicsState, outcome: SubstepTrace, command: jax.Array
+    def finish_step(
+        self, state: State, scene: Scene, physics: PhysicsState, trace: SubstepTrace, command: jax.Array
     ) -> State:
         """Reward, termination and metrics of a control step, whoever computed its physics.
 
@@ -125,19 +130,19 @@ class LocoEnv:
             state: before the step.
             scene: during the step, from :meth:`next_scene`.
             physics: after the step.
-            outcome: what happened in it.
+            trace: what physics traced of it.
             command: (12,) joint targets relative to the default pose, rad.
         """
         key, _ = jax.random.split(state.info["key"])
         before: World = state.pipeline_state
-        finite = _all_finite(physics) & _all_finite(outcome)
+        finite = _all_finite(physics) & _all_finite(trace)
         # A non-finite state ends the episode and goes no further: the robot is put back where it was.
         physics = _where(finite, physics, before.physics)
-        outcome = _where(finite, outcome, jax.tree.map(jp.zeros_like, outcome))
+        trace = _where(finite, trace, jax.tree.map(jp.zeros_like, trace))
         scene, spheres = query.collect(scene, physics.qpos[:2])
         world = replace(before, physics=physics, scene=scene)
-        inputs = self._inputs(before, world, outcome, spheres, command, finite)
-        return self._result(state, world, outcome, inputs, key)
+        inputs = self._inputs(before, world, trace, spheres, command, finite)
+        return self._result(state, world, trace, inputs, key)
 
     def observe(self, state: State) -> State:
         """Fills the observation; renders one depth frame where depth is enabled."""
@@ -178,7 +183,7 @@ class LocoEnv:
         self,
         before: World,
         after: World,
-        outcome: SubstepTrace,
+        trace: SubstepTrace,
         spheres: jax.Array,
         command: jax.Array,
         finite: jax.Array,
@@ -194,11 +199,11 @@ class LocoEnv:
             forward_velocity=forward / self.dt,
             speed=reward.forward_speed(forward / self.dt, self.config.reward),
             distance=straight if self.task.toward_goal else (end - start)[0],
-            torque_squared=outcome.torque_squared,
+            torque_squared=trace.torque_squared,
             spheres=spheres.astype(jp.float32),
-            contact=outcome.obstacle_contact.astype(bool),
+            contact=trace.obstacle_contact.astype(bool),
             passed=end[0] > before.episode.first_obstacle,
-            dropped=outcome.dropped.astype(jp.float32),
+            dropped=trace.dropped.astype(jp.float32),
             action=command,
             last_action=before.episode.last_action,
             action_change=jp.sum((change / jp.array(joint_scale(self.config.action))) ** 2),
@@ -210,16 +215,16 @@ class LocoEnv:
         )
 
     def _result(
-        self, state: State, world: World, outcome: SubstepTrace, inputs: reward.RewardInputs, key: jax.Array
+        self, state: State, world: World, trace: SubstepTrace, inputs: reward.RewardInputs, key: jax.Array
     ) -> State:
         terms = reward.rewards(inputs, self.config.reward)
-        now = obs_lib.sense(outcome, world.randomization.latency, self.robot.physics_dt)
-        now |= {"displacement": inputs.displacement, "last_action": inputs.action}
+        latency, dt = world.randomization.latency, self.robot.physics_dt
+        readings = obs_lib.sense(trace, latency, dt, inputs.action, inputs.displacement)
         episode = replace(
             world.episode,
             step=world.episode.step + 1,
             last_action=inputs.action,
-            history=obs_lib.push(world.episode.history, now),
+            history=obs_lib.push(world.episode.history, readings),
         )
         ended = reward.terminated(inputs, self.config.termination) | ~inputs.finite
         truncated = (episode.step >= self.config.horizon) & ~ended

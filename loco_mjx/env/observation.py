@@ -5,19 +5,12 @@ from __future__ import annotations
 import jax
 import jax.numpy as jp
 
-from loco_mjx import rotations
+from loco_mjx import rotations, sensors
 from loco_mjx.config import ObservationConfig
 from loco_mjx.env import privileged
 from loco_mjx.physics.step import SubstepTrace
-from loco_mjx.robots import NJOINT, Robot
-
-# The sensors of one proprioceptive frame, in the order of the `state` vector, with their sizes per frame.
-SENSORS: dict[str, int] = {"displacement": 3, "imu": 4, "last_action": NJOINT, "angles": NJOINT}
-
-
-def sensors(config: ObservationConfig) -> dict[str, int]:
-    """The sensors in use and their sizes per frame, in the order of the `state` vector."""
-    return {name: size for name, size in SENSORS.items() if name != "displacement" or config.displacement}
+from loco_mjx.robots import Robot
+from loco_mjx.sensors import Readings
 
 
 def shapes(config: ObservationConfig) -> dict[str, tuple[int, ...]]:
@@ -40,30 +33,37 @@ def delayed(trace: jax.Array, latency: jax.Array, timestep: float) -> jax.Array:
     return (1 - part) * trace[below] + part * trace[jp.minimum(below + 1, last)]
 
 
-def sense(outcome: SubstepTrace, latency: jax.Array, timestep: float) -> dict[str, jax.Array]:
-    """The IMU (4,) [roll, pitch, roll rate, pitch rate (body frame)] and the joint angles (12,), delayed."""
-    quat = delayed(outcome.quat, latency, timestep)
-    quat = quat / jp.maximum(jp.linalg.norm(quat), 1e-6)
-    gyro = delayed(outcome.gyro, latency, timestep)
-    imu = jp.concatenate([rotations.roll_pitch(quat, jp), gyro[:2]])
-    return {"imu": imu, "angles": delayed(outcome.angles, latency, timestep)}
+def sense(
+    trace: SubstepTrace, latency: jax.Array, timestep: float, last_action: jax.Array, displacement: jax.Array
+) -> Readings:
+    """What the sensors are made of after a control step; what physics traces, with the latency."""
+    quat = delayed(trace.quat, latency, timestep)
+    return Readings(
+        quat=quat / jp.maximum(jp.linalg.norm(quat), 1e-6),
+        gyro=delayed(trace.gyro, latency, timestep),
+        angles=delayed(trace.angles, latency, timestep),
+        last_action=last_action,
+        displacement=displacement,
+    )
 
 
 def first_history(config: ObservationConfig, robot: Robot) -> dict[str, jax.Array]:
     """The history at a reset: `state_frames` copies of the standing robot's sensors, each (frames, size)."""
-    now = {name: jp.zeros(size) for name, size in sensors(config).items()}
-    now["angles"] = jp.array(robot.default_pose)
+    still, pose = jp.zeros(3), jp.array(robot.default_pose)
+    standing = Readings(jp.array([1.0, 0.0, 0.0, 0.0]), still, pose, jp.zeros_like(pose), still)
+    now = sensors.measure(standing, sensors.in_use(config), jp)
     return {name: jp.tile(value, (config.state_frames, 1)) for name, value in now.items()}
 
 
-def push(history: dict[str, jax.Array], now: dict[str, jax.Array]) -> dict[str, jax.Array]:
-    """Puts the newest values in front and drops the oldest."""
+def push(history: dict[str, jax.Array], readings: Readings) -> dict[str, jax.Array]:
+    """Puts the newest frame in front and drops the oldest."""
+    now = sensors.measure(readings, history, jp)
     return {name: jp.concatenate([now[name][None], past[:-1]]) for name, past in history.items()}
 
 
 def state_vector(history: dict[str, jax.Array], goal: jax.Array | None) -> jax.Array:
     """The `state` vector: grouped by sensor, newest frame first within each; the goal at its end where there is one."""
-    parts = [history[name].reshape(-1) for name in SENSORS if name in history]
+    parts = [history[name].reshape(-1) for name in sensors.SENSORS if name in history]
     return jp.concatenate(parts if goal is None else [*parts, goal])
 
 

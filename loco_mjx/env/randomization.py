@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import jax
 import jax.numpy as jp
 from flax import struct
 
 from loco_mjx.config import EnvConfig
 from loco_mjx.physics.step import Dynamics, nominal_dynamics
-from loco_mjx.robots import NJOINT
 
 
 @struct.dataclass
@@ -34,18 +35,19 @@ def nominal(config: EnvConfig) -> Randomization:
 
 
 def draw(key: jax.Array, config: EnvConfig) -> Randomization:
-    """One episode's robot: drawn from the configured ranges, or the nominal one where randomisation is off."""
+    """One episode's robot: drawn from the configured ranges, or the nominal one where randomisation is off.
+
+    Every field of Dynamics is drawn uniformly from the range of its name in RandomizationConfig, in the shape that it
+    has without randomisation; and so is the latency.
+    """
     ranges = config.randomization
     if not ranges.enabled:
         return nominal(config)
-    kp, kd, strength, motor_friction, friction, mass, inertia, latency = jax.random.split(key, 8)
-    dynamics = Dynamics(
-        kp=_uniform(kp, ranges.kp),  # kp ~ U(40, 90)
-        kd=_uniform(kd, ranges.kd),  # kd ~ U(0.4, 0.8)
-        strength=_uniform(strength, ranges.motor_strength, (NJOINT,)),  # per motor ~ U(0.8, 1.2)
-        motor_friction=_uniform(motor_friction, ranges.motor_friction),  # ~ U(0, 0.05)
-        friction=_uniform(friction, ranges.friction),  # ~ U(0.5, 1.25)
-        mass=_uniform(mass, ranges.mass),  # factor ~ U(0.8, 1.2)
-        inertia=_uniform(inertia, ranges.inertia),  # factor ~ U(0.5, 1.5)
-    )
-    return Randomization(dynamics, _uniform(latency, ranges.latency))  # latency ~ U(0, 0.04) s
+    nominal_robot = nominal(config)
+    quantities = [field.name for field in fields(Dynamics)]
+    *keys, latency_key = jax.random.split(key, len(quantities) + 1)
+    drawn = {
+        name: _uniform(own, getattr(ranges, name), getattr(nominal_robot.dynamics, name).shape)
+        for name, own in zip(quantities, keys, strict=True)
+    }
+    return Randomization(Dynamics(**drawn), _uniform(latency_key, ranges.latency))

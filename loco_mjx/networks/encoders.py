@@ -1,4 +1,4 @@
-"""Encoders of the two senses: an MLP over the body's state, a small convolutional network over depth."""
+"""Encoders of the observation: an MLP over `state`, a small convolutional network over depth."""
 
 from __future__ import annotations
 

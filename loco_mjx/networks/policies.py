@@ -85,11 +85,11 @@ class Critic(nn.Module):
             return jp.zeros(obs[STATE].shape[:-1])
         hidden = self.config.state_only_hidden
         shared = len(hidden) // 2
-        features = MLP(hidden[:shared], name="state_encoder")(_both(obs))
+        features = MLP(hidden[:shared], name="state_encoder")(_with_privileged(obs))
         return Head(hidden[shared:], 1, VALUE_SCALE, name="value_head")(features)[..., 0]
 
 
-def _both(obs: Observation) -> jax.Array:
+def _with_privileged(obs: Observation) -> jax.Array:
     return jp.concatenate([obs[STATE], obs[PRIVILEGED]], axis=-1)
 
 
@@ -244,10 +244,10 @@ class StateOnly(nn.Module):
         """`state` (..., n) to Outputs."""
         hidden = self.config.state_only_hidden
         shared = len(hidden) // 2
-        features = MLP(hidden[:shared], name="state_encoder")(self.senses(obs))
+        features = MLP(hidden[:shared], name="state_encoder")(self.inputs(obs))
         return heads(self, hidden[shared:], features, lambda: features, obs)
 
-    def senses(self, obs: Observation) -> jax.Array:
+    def inputs(self, obs: Observation) -> jax.Array:
         """What it reads, (..., n)."""
         return obs[STATE]
 
@@ -255,9 +255,9 @@ class StateOnly(nn.Module):
 class Privileged(StateOnly):
     """StateOnly that also reads what only a simulator knows: the teacher of method `distill`."""
 
-    def senses(self, obs: Observation) -> jax.Array:
+    def inputs(self, obs: Observation) -> jax.Array:
         """`state` and `privileged` side by side, (..., n + m)."""
-        return _both(obs)
+        return _with_privileged(obs)
 
 
 @dataclass(frozen=True)

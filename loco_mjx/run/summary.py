@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from loco_mjx.config import Config, to_dict
+from loco_mjx.sensors import in_use
 
 
 def print_summary(
@@ -41,10 +42,8 @@ def print_summary(
 
 def observations(config: Config) -> list[tuple[str, str]]:
     """Every active part of the observation and its shape."""
-    from loco_mjx.env.observation import sensors
-
     obs = config.env.observation
-    rows = [(f"state: {name}", f"{obs.state_frames} × {size}") for name, size in sensors(obs).items()]
+    rows = [(f"state: {name}", f"{obs.state_frames} × {sensor.size}") for name, sensor in in_use(obs).items()]
     rows += [("state: goal", "3")] if obs.goal else []
     rows.append(("state", str(obs.state_size)))
     if obs.depth.enabled:

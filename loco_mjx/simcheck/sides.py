@@ -125,7 +125,7 @@ class CSide:
         self._prisms = prisms
         self._env, self._manifest, self._policy, self._pool = env, manifest, policy, pool
         self._next_scene = jax.jit(jax.vmap(env.next_scene))
-        self._conclude = jax.jit(jax.vmap(env.conclude))
+        self._finish_step = jax.jit(jax.vmap(env.finish_step))
         self.robots: list[WatchedRobot] = []
 
     def begin(self, state: State) -> State:
@@ -155,7 +155,7 @@ class CSide:
         list(self._pool.map(self._control_step, np.flatnonzero(alive)))
         physics, outcome = self._measured()
         command = jp.asarray(self._targets - self._manifest.default_pose, jp.float32)
-        return self._conclude(state, scene, physics, outcome, command)
+        return self._finish_step(state, scene, physics, outcome, command)
 
     def _control_step(self, i: int | np.integer) -> None:
         robot = self.robots[i]

@@ -15,6 +15,7 @@ from loco_mjx.env import observation
 from loco_mjx.errors import UserError
 from loco_mjx.robots import joint_names
 from tests.deploy import flat
+from tests.known_robots import A1
 
 # What is said for people, and what another run may have otherwise.
 FREE = {"meaning", "depth", "order", "versions", "samples", "sha256", "evaluation"}
@@ -169,5 +170,8 @@ def test_a_file_beside_the_network_is_checked_where_there_is_one(policy, manifes
 
 def test_the_description_is_of_what_the_environment_gives():
     fields = description.describe(Config(), ("state",), 1)["inputs"]["state"]["fields"]
-    assert {field["name"]: field["size"] for field in fields} == observation.sensors(Config().env.observation)
+    given = observation.first_history(Config().env.observation, A1)
+    assert [(field["name"], field["frames"], field["size"]) for field in fields] == [
+        (name, *past.shape) for name, past in given.items()
+    ]
     assert (description.CODE_OFFSET, description.CODE_SCALE) == (encoding.OFFSET, encoding.SCALE)

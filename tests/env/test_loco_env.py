@@ -165,7 +165,7 @@ def test_randomization_draws_within_its_ranges_and_stays_for_the_episode(other, 
         (drawn.dynamics.kp, 40, 90),
         (drawn.dynamics.kd, 0.4, 0.8),
         (drawn.dynamics.friction, 0.5, 1.25),
-        (drawn.dynamics.strength, 0.8, 1.2),
+        (drawn.dynamics.motor_strength, 0.8, 1.2),
         (drawn.dynamics.mass, 0.8, 1.2),
         (drawn.dynamics.inertia, 0.5, 1.5),
         (drawn.dynamics.motor_friction, 0.0, 0.05),
@@ -200,5 +200,5 @@ def test_what_physics_could_not_feel_is_a_metric(other):
     world, zero = state.pipeline_state, jp.zeros(())
     trace = [jp.tile(x, (17, 1)) for x in (world.physics.qpos[7:], world.physics.qpos[3:7], world.physics.qvel[3:6])]
     outcome = SubstepTrace(zero, zero > 0, jp.int32(3), *trace)
-    after = jax.jit(env.conclude)(state, world.scene, world.physics, outcome, jp.zeros(12))
+    after = jax.jit(env.finish_step)(state, world.scene, world.physics, outcome, jp.zeros(12))
     assert after.metrics["contacts/dropped"] == 3.0 and set(after.metrics) == set(state.metrics)

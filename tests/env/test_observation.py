@@ -7,6 +7,7 @@ import pytest
 from loco_mjx import rotations
 from loco_mjx.config import ObservationConfig
 from loco_mjx.env import observation
+from loco_mjx.sensors import Readings
 from tests.known_robots import A1
 
 
@@ -38,19 +39,15 @@ def test_state_is_grouped_by_sensor_newest_first():
     config = ObservationConfig()
     history = observation.first_history(config, A1)
     for step in (1.0, 2.0, 3.0):
-        history = observation.push(
-            history,
-            {
-                "displacement": jp.full(3, step),
-                "imu": jp.full(4, 10 + step),
-                "last_action": jp.full(12, 20 + step),
-                "angles": jp.full(12, 30 + step),
-            },
-        )
+        # the trunk turned about x by step / 10 rad: its roll
+        quat = jp.array([jp.cos(step / 20), jp.sin(step / 20), 0.0, 0.0])
+        now = Readings(quat, jp.full(3, 10 + step), jp.full(12, 30 + step), jp.full(12, 20 + step), jp.full(3, step))
+        history = observation.push(history, now)
     vector = np.array(observation.state_vector(history, None))
     assert vector.shape == (93,) == (config.state_size,)
-    expected = [np.repeat([base + 3, base + 2, base + 1], size) for base, size in ((0, 3), (10, 4), (20, 12), (30, 12))]
-    np.testing.assert_array_equal(vector, np.concatenate(expected))
+    expected = [np.repeat([base + 3.0, base + 2, base + 1], size) for base, size in ((0, 3), (20, 12), (30, 12))]
+    imu = np.array([[0.1 * step, 0.0, 10 + step, 10 + step] for step in (3, 2, 1)]).ravel()
+    np.testing.assert_allclose(vector, np.concatenate([expected[0], imu, *expected[1:]]), atol=1e-6)
 
 
 def test_real_preset_has_84_values_and_no_displacement():

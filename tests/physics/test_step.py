@@ -68,7 +68,7 @@ def test_outcome_traces_the_step():
 
 
 def test_free_fall():
-    limp = dataclasses.replace(nominal(), strength=jp.zeros(12))
+    limp = dataclasses.replace(nominal(), motor_strength=jp.zeros(12))
     states, outcome = rollout([standing(height=2.0)], [scene()], still(5), [limp])
     time = 5 * A1.control_dt
     # Semi-implicit Euler falls half a physics step further than ½ g t².
@@ -140,7 +140,7 @@ def test_randomisation_changes_what_it_should():
     variants = [
         change(base, mass=jp.float32(1.2)),
         change(base, kp=jp.float32(80.0)),
-        change(base, strength=jp.full(12, 0.8)),
+        change(base, motor_strength=jp.full(12, 0.8)),
     ]
     states, _ = rollout([standing()], [scene()], still(50), [base, *variants])
     usual, heavy, stiff, weak = states.qpos[:, -1, 2]
@@ -150,7 +150,7 @@ def test_randomisation_changes_what_it_should():
     assert weak < usual - 0.004
 
     falling = PhysicsState(jp.asarray(standing(height=1.0)), jp.zeros(18).at[6:].set(3.0), jp.zeros(18))
-    limp = change(base, strength=jp.zeros(12))
+    limp = change(base, motor_strength=jp.zeros(12))
     states, _ = rollout(
         [falling],
         [scene()],

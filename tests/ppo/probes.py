@@ -37,7 +37,7 @@ class Probe:
     def draw(self, key, pool):
         return pool[jax.random.randint(key, (), 0, pool.shape[0])]
 
-    def begin(self, key, scene):
+    def reset_to(self, key, scene):
         sign_key, spread_key, key = jax.random.split(key, 3)
         world = {
             "sign": _sign(sign_key),
@@ -130,8 +130,8 @@ class DelayedProbe(Probe):
     def reward(self, world, action):
         return jp.where(world["step"] >= self.horizon - 1, world["memory"], 0.0)
 
-    def begin(self, key, scene):
-        state = super().begin(key, scene)
+    def reset_to(self, key, scene):
+        state = super().reset_to(key, scene)
         return state.replace(pipeline_state=state.pipeline_state | {"memory": jp.zeros(())})
 
     def advance(self, state, action):

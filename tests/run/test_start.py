@@ -20,7 +20,7 @@ class TaskEnv(TinyEnv):
         self.goal = 3.0 if config.task == "mountain" else 1.0
 
     def reset(self, key):
-        return self.observe(self.begin(key, jp.full((), self.goal)))
+        return self.observe(self.reset_to(key, jp.full((), self.goal)))
 
 
 def test_other_tasks_are_evaluated_beside_the_own_one(tmp_path, monkeypatch):

@@ -37,7 +37,7 @@ class TinyEnv:
     def draw(self, key: jax.Array, scenes: jax.Array) -> jax.Array:
         return scenes[jax.random.randint(key, (), 0, scenes.shape[0])]
 
-    def begin(self, key: jax.Array, scene: jax.Array) -> State:
+    def reset_to(self, key: jax.Array, scene: jax.Array) -> State:
         info = {"steps": jp.zeros((), jp.int32), "truncation": jp.zeros(()), "goal": scene}
         place = jax.random.normal(key) * 0.1
         return State(place, {"state": jp.zeros(2)}, jp.zeros(()), jp.zeros(()), {"distance": jp.zeros(())}, info)
@@ -59,7 +59,7 @@ class TinyEnv:
         return state.replace(obs={"state": jp.stack([state.pipeline_state, time])})
 
     def reset(self, key: jax.Array) -> State:
-        return self.observe(self.begin(key, jp.ones(())))
+        return self.observe(self.reset_to(key, jp.ones(())))
 
     def step(self, state: State, action: jax.Array) -> State:
         return self.observe(self.advance(state, action))

@@ -5,7 +5,7 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx.env.renewal import renew
+from loco_mjx.env.masked_reset import masked_reset
 
 COUNT, SEEDS = 6, 3
 DONE = np.array([[0, 1, 0, 0, 1, 1], [0] * COUNT, [1] * COUNT], bool)
@@ -37,7 +37,7 @@ def expected(seed: int) -> dict[str, np.ndarray]:
 
 
 def one(done: jax.Array, key: jax.Array, state: dict[str, jax.Array], pool: jax.Array) -> dict[str, jax.Array]:
-    return renew(begin, done, key, state, pool)
+    return masked_reset(begin, done, key, state, pool)
 
 
 BATCH = jax.vmap(one, (0, 0, 0, None))
@@ -90,7 +90,7 @@ def test_on_a_cpu_only_where_it_is_done_is_anything_begun():
         jax.debug.callback(lambda row: begun.extend(np.ravel(row).tolist()), fresh["row"])
         return fresh
 
-    step = jax.vmap(lambda *args: renew(counted, *args), (0, 0, 0, None))
+    step = jax.vmap(lambda *args: masked_reset(counted, *args), (0, 0, 0, None))
     jax.block_until_ready(jax.jit(step)(DONE[0], KEYS[0], jax.tree.map(lambda x: x[0], states()), POOLS[0]))
     jax.effects_barrier()
     assert sorted(begun) == sorted(expected(0)["row"][DONE[0]].tolist())
