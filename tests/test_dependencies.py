@@ -16,10 +16,12 @@ OWN = {"loco_mjx", "tests", "experiments"}
 ELSEWHERE = {"robot_interface": "Unitree's SDK is on no index"}  # imported, not declared
 # Extras whose packages a room may import beside the base's; a room that is not listed may use `train` alone.
 ROOMS = {
+    "bench": {"train", "mpc", "dev"},  # what it measures beside ours comes with the developers' tools
     "cli": {"train", "deploy", "export"},
     "compare": {"train", "cluster"},
     "deploy": {"train", "deploy", "export", "a1"},
     "show": {"train", "play"},
+    "whole_body": {"train", "mpc"},
 }
 NOT_IMPORTED = {
     "pytest-xdist": "make test runs on all cores",

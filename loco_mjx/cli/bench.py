@@ -25,11 +25,12 @@ EVALUATED = ("--evaluations", "12", "--evaluation-episodes", "64")  # of `learn`
 class Options:
     """Measures frames, physics steps, control steps or samples per second; or how long learning takes.
 
-    Depth and physics are measured beside their peer: C MuJoCo on the same scenes with as many threads. `learn` trains
-    a policy as `loco-mjx train` does, and says after how many samples and minutes it was at the paper's distance.
+    Depth and physics are measured beside their peer: C MuJoCo on the same scenes with as many threads; `mpc`, the
+    whole-body controller, beside libraries that solve the same quadratic programs on one core. `learn` trains a policy
+    as `loco-mjx train` does, and says after how many samples and minutes it was at the paper's distance.
     """
 
-    part: tyro.conf.Positional[Literal["depth", "physics", "env", "train", "learn"]]
+    part: tyro.conf.Positional[Literal["depth", "physics", "mpc", "env", "train", "learn"]]
     """What to measure."""
     task: str = "thin"
     """In which task's scenes."""
@@ -138,6 +139,10 @@ def measure(options: Options) -> dict[str, Any]:
         from loco_mjx.bench.physics import bench_physics
 
         return what | bench_physics(options.task, num_envs, options.seconds, robot=options.robot)
+    if options.part == "mpc":
+        from loco_mjx.bench.mpc import bench_mpc
+
+        return what | bench_mpc(num_envs, options.seconds, options.robot)
     from loco_mjx.bench import training
 
     config = training.bench_config(options.task, options.policy, num_envs, options.robot)

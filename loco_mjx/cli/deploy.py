@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ from loco_mjx.deploy.record import Record
 from loco_mjx.deploy.runner import Runner
 from loco_mjx.deploy.safety import Limits
 from loco_mjx.deploy.session import Session
+from loco_mjx.deploy.walker import Walker, manifest_of
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import SEED, Range
 from loco_mjx.robots import DEFAULT, get_robot
@@ -35,8 +37,16 @@ PATIENCE = 1.0  # s a simulated robot's tick may take on a busy machine
 class Options:
     """Runs an exported policy: stands up, runs, sits down. Ctrl-C, SIGTERM or Enter stop it."""
 
-    policy: tyro.conf.Positional[Path]
-    """Folder that `loco-mjx export` wrote, or the name of a shipped policy."""
+    policy: tyro.conf.Positional[Path | None] = None
+    """Folder that `loco-mjx export` wrote, or the name of a shipped policy; none for --controller."""
+    controller: Literal["mpc"] | None = None
+    """Walk by the whole-body controller instead of a policy (docs/whole_body.md)."""
+    vx: float = 0.3
+    """For --controller: speed ahead, m/s; clipped to ±0.4."""
+    yaw: float = 0.0
+    """For --controller: yaw rate, rad/s; clipped to ±0.3."""
+    body: str = DEFAULT
+    """For --controller in C MuJoCo: which robot, by name or the path of its MJCF."""
     robot: Literal["mujoco", "a1"] = "mujoco"
     """The policy's own robot in C MuJoCo, or a real A1 (docs/deployment.md)."""
     task: str = "thin"
@@ -62,6 +72,10 @@ def main(args: Sequence[str]) -> int:
     options = parse(Options, args, PROG)
     if options.log is not None and (options.log.is_dir() or not options.log.parent.is_dir()):
         raise UserError(f"'{options.log}' cannot be written; accepted: a file in a directory that exists")
+    if options.controller is not None:
+        return walk(options)
+    if options.policy is None:
+        raise UserError("no policy to run; accepted: a folder that `loco-mjx export` wrote, or --controller mpc")
     where = policies.find(options.policy)
     manifest = folder.read(where)
     session = Session(manifest, where)
@@ -79,6 +93,39 @@ def main(args: Sequence[str]) -> int:
         record = runner.run(options.seconds)
     finally:
         robot.close()
+    return ended(options, record)
+
+
+def walk(options: Options) -> int:
+    """Runs the whole-body controller.
+
+    Raises:
+        UserError: before the robot is commanded, if anything is wrong.
+    """
+    if options.policy is not None:
+        raise UserError("--controller mpc walks without a policy; accepted: the one or the other")
+    if not (math.isfinite(options.vx) and math.isfinite(options.yaw)):
+        raise UserError(f"vx is {options.vx} and yaw is {options.yaw}; accepted: numbers")
+    about = get_robot(options.body)
+    robot: MujocoRobot | A1Robot
+    if options.robot == "a1":
+        if about.name != A1Robot.name:
+            raise UserError(f"--robot a1 walks as {A1Robot.name}; accepted: --body {A1Robot.name}, or none")
+        robot, clock, patience = A1Robot(None), time.perf_counter, 0.0
+    else:
+        robot, clock, patience = simulated(options, manifest_of(about), about.policy_hz), time.thread_time, PATIENCE
+    try:
+        command = (options.vx, options.yaw)
+        walker = Walker(about, lambda _: command, robot, options.limits, clock=clock, say=say, patience=patience)
+        record = walker.run(options.seconds)
+    finally:
+        robot.close()
+    print(f"programs not solved: {walker.unsolved}")
+    return ended(options, record)
+
+
+def ended(options: Options, record: Record) -> int:
+    """Keeps the record and prints how it went; the exit code."""
     if options.log is not None:
         record.save(options.log)
     with contextlib.suppress(OSError, ValueError):  # a terminal that is gone
@@ -86,11 +133,11 @@ def main(args: Sequence[str]) -> int:
     return STOPPED if record.cause is not None else 0
 
 
-def simulated(options: Options, manifest: Manifest) -> MujocoRobot:
-    """The policy's robot in C MuJoCo, in the scene that was asked for."""
+def simulated(options: Options, manifest: Manifest, rate: int | None = None) -> MujocoRobot:
+    """The policy's robot in C MuJoCo, in the scene that was asked for; what moves there does `rate` times a second."""
     scene = options.scene
     model, between = generated(options.task, options.seed, manifest.body) if scene is None else from_file(scene)
-    rates: dict[str, Any] = {"between": between, "policy_hz": manifest.policy_hz}
+    rates: dict[str, Any] = {"between": between, "policy_hz": rate or manifest.policy_hz}
     return MujocoRobot(model, manifest.camera, options.imperfections, options.seed, **rates)
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -18,7 +19,9 @@ from loco_mjx.ranges import SEED, Range
 from loco_mjx.robots import DEFAULT
 
 if TYPE_CHECKING:
+    from loco_mjx.config import EnvConfig
     from loco_mjx.show.rollout import Agent
+    from loco_mjx.show.walking import Walking
 
 PROG = "loco-mjx play"
 RATES = (25.0, 12.5, 5.0)  # frames per second that are whole numbers of control steps
@@ -39,7 +42,7 @@ class Options:
     task: str | None = None
     """Task to run on; None: the one it was trained on, or thin."""
     robot: str | None = None
-    """Robot of --zero and --random without a policy, by name or the path of its MJCF; None: a1."""
+    """Robot of --zero, --random and --controller, by name or the path of its MJCF; None: a1."""
     step: Step = None
     """Which checkpoint of the run: the samples trained at it, or best by evaluation; None: the newest."""
     seed: SEED = 0
@@ -52,6 +55,12 @@ class Options:
     """Hold the default pose instead of running a policy."""
     random: bool = False
     """Act at random instead of running a policy."""
+    controller: Literal["mpc"] | None = None
+    """Walk by the whole-body controller instead of running a policy (docs/whole_body.md)."""
+    vx: float = 0.3
+    """For --controller: speed ahead, m/s; clipped to ±0.4."""
+    yaw: float = 0.0
+    """For --controller: yaw rate, rad/s; clipped to ±0.3."""
     width: Annotated[int, Range(64, 1920)] = 640
     """Of the video, pixels; it is 16:9."""
     fps: Annotated[float, Range(5, 25)] = 25.0
@@ -103,10 +112,16 @@ def check(options: Options) -> None:
         raise UserError("--web does not film; accepted: --web alone, or --video and --figure")
     if options.zero and options.random:
         raise UserError("--zero and --random are two agents; accepted: one of them")
-    if options.directory is None and not (options.zero or options.random):
-        raise UserError("no policy to show; accepted: the directory of a run, --zero or --random")
+    if options.directory is None and not (options.zero or options.random or options.controller):
+        raise UserError("no policy to show; accepted: the directory of a run, --zero, --random or --controller mpc")
+    if options.controller and (options.directory is not None or options.zero or options.random):
+        raise UserError("--controller mpc walks without a policy; accepted: it alone, without one, --zero or --random")
+    if options.controller and options.web:
+        raise UserError("--web shows no --controller; accepted: --video and --figure")
+    if not (math.isfinite(options.vx) and math.isfinite(options.yaw)):
+        raise UserError(f"vx is {options.vx} and yaw is {options.yaw}; accepted: numbers")
     if options.robot is not None and options.directory is not None:
-        raise UserError("--robot is for --zero and --random alone; a policy says itself whose it is")
+        raise UserError("--robot is for --zero, --random and --controller alone; a policy says itself whose it is")
     if options.fps not in RATES:
         raise UserError(f"fps is {options.fps}; accepted: {', '.join(map(str, RATES))}")
     if options.task is not None:
@@ -123,14 +138,20 @@ def _agent(options: Options) -> Agent:
     policy = None
     if options.directory is not None:
         policy = trained.load(policies.find(options.directory), options.step)
-    return Agent("zero" if options.zero else "random" if options.random else "policy", policy, options.robot or DEFAULT)
+    return Agent(
+        "zero" if options.zero or options.controller else "random" if options.random else "policy",
+        policy,
+        options.robot or DEFAULT,
+    )
 
 
 def _film(options: Options, agent: Agent) -> None:
     from loco_mjx.show.record import record
     from loco_mjx.show.rollout import Rollout
+    from loco_mjx.show.walking import Walking
 
-    rollout = Rollout(agent, agent.env_config(options.task))
+    config = agent.env_config(options.task)
+    rollout = _walking(options, agent, config) if options.controller else Rollout(agent, config)
     every = round(RATES[0] / options.fps)
     done = record(
         rollout,
@@ -148,4 +169,18 @@ def _film(options: Options, agent: Agent) -> None:
             print(f"wrote {path} ({path.stat().st_size // 1024} KB)")
     for step, distance in done.ends:
         print(f"an episode ended after {step} steps, {distance:.2f} m; another scene followed")
-    print(f"{agent.kind} on {rollout.config.task}: {done.distance:.2f} m in the episode shown last")
+    if isinstance(rollout, Walking):
+        print(f"programs not solved: {rollout.unsolved}")
+    who = options.controller or agent.kind
+    print(f"{who} on {rollout.config.task}: {done.distance:.2f} m in the episode shown last")
+
+
+def _walking(options: Options, agent: Agent, config: EnvConfig) -> Walking:
+    """The whole-body controller's rollout; says what of the command is beyond its limits."""
+    from loco_mjx.show.walking import Walking
+    from loco_mjx.whole_body.config import SPEED_LIMIT, YAW_RATE_LIMIT
+
+    for name, value, limit in (("vx", options.vx, SPEED_LIMIT), ("yaw", options.yaw, YAW_RATE_LIMIT)):
+        if abs(value) > limit:
+            print(f"{name} {value:g} is clipped to {math.copysign(limit, value):g}")
+    return Walking(agent, config, (options.vx, options.yaw))

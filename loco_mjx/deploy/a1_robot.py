@@ -21,6 +21,7 @@ from loco_mjx.robots import NJOINT
 
 LOW_LEVEL = 0xFF
 ADDRESS = (8080, "192.168.123.10", 8007)  # local port, the motor controller and its port
+PRESSED = 20  # what a foot's sensor has to read for the foot to touch something; in the SDK's units
 SERVO = 0x0A  # a motor's mode in which it follows targets
 NO_POSITION, NO_VELOCITY = 2.146e9, 16000.0  # targets that mean there is none
 CONNECT = 2.0  # s in which the robot has to answer
@@ -87,12 +88,14 @@ class A1Robot:
                 "the robot does not answer; is it on, in low-level mode, and this computer in its network?"
             )
         motors, imu = self._state.motorState, self._state.imu
+        forces = getattr(self._state, "footForce", None)
         return Sensors(
             time=self._heard,
             angles=np.array([motors[i].q for i in range(NJOINT)], np.float64),
             velocities=np.array([motors[i].dq for i in range(NJOINT)], np.float64),
             quat=np.array(imu.quaternion, np.float64),
             gyro=np.array(imu.gyroscope, np.float64),
+            feet=None if forces is None else np.array(forces, np.float64) > PRESSED,
         )
 
     def depth(self) -> Frame:
@@ -107,9 +110,17 @@ class A1Robot:
 
     def command(self, targets: np.ndarray, kp: float, kd: float) -> None:
         """Sends PD targets, and returns when the next ones are due, 2.5 ms after these."""
-        for motor, target in zip(self._command.motorCmd, targets, strict=False):  # it has 20 motors' room
-            motor.mode, motor.q, motor.dq = SERVO, float(target), 0.0
-            motor.Kp, motor.Kd, motor.tau = float(kp), float(kd), 0.0
+        none = np.zeros(NJOINT)
+        self.drive(targets, none, np.full(NJOINT, kp), np.full(NJOINT, kd), none)
+
+    def drive(
+        self, angles: np.ndarray, velocities: np.ndarray, kp: np.ndarray, kd: np.ndarray, torque: np.ndarray
+    ) -> None:
+        """Sends targets, gains and torques, and returns when the next ones are due, 2.5 ms after these."""
+        told = zip(self._command.motorCmd, angles, velocities, kp, kd, torque, strict=False)  # it has 20 motors' room
+        for motor, *values in told:
+            motor.mode = SERVO
+            motor.q, motor.dq, motor.Kp, motor.Kd, motor.tau = (float(value) for value in values)
         self._safety.PositionLimit(self._command)
         self._send()
         now = self.now()

@@ -90,6 +90,7 @@ class MujocoRobot:
         self._random, self._between, self._steps = np.random.default_rng(seed), between, 0
         self._frames: deque[Frame] = deque(maxlen=round(MEMORY * policy_hz) + 2)
         self._sensors: deque[Sensors] = deque(maxlen=round(MEMORY / self._dt) + 2)
+        self._feet = [model.geom(f"{leg}_foot_sphere").id for leg in LEGS]
         self._contacts = TerrainContacts(model, prisms)
         self._terrain = None if camera is None else TerrainRays(model, SEEN_GROUP, GROUND_GROUP)
         self._place(lying)
@@ -114,7 +115,20 @@ class MujocoRobot:
 
     def command(self, targets: np.ndarray, kp: float, kd: float) -> None:
         """One physics step under the PD law."""
-        torque = kp * (targets - self.data.qpos[7:]) - kd * self.data.qvel[6:]
+        self._step(kp * (targets - self.data.qpos[7:]) - kd * self.data.qvel[6:])
+
+    def drive(
+        self, angles: np.ndarray, velocities: np.ndarray, kp: np.ndarray, kd: np.ndarray, torque: np.ndarray
+    ) -> None:
+        """One physics step under the motors' law."""
+        self._step(torque + kp * (angles - self.data.qpos[7:]) + kd * (velocities - self.data.qvel[6:]))
+
+    def close(self) -> None:
+        """There is nothing to let go of."""
+
+    # Details ----------------------------------------------------------------------------------------------------------
+
+    def _step(self, torque: np.ndarray) -> None:
         self.data.ctrl[:] = np.clip(torque, *self.model.actuator_ctrlrange.T)
         self._contacts.step(self.data)
         self._steps += 1
@@ -124,11 +138,6 @@ class MujocoRobot:
             if self._between is not None:
                 self._between(self.model, self.data)
             self._expose()
-
-    def close(self) -> None:
-        """There is nothing to let go of."""
-
-    # Details ----------------------------------------------------------------------------------------------------------
 
     def _place(self, lying: bool) -> None:
         self._mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
@@ -150,7 +159,8 @@ class MujocoRobot:
         angles += noise(0.0, faults.angle_noise, NJOINT) if faults.angle_noise else 0.0
         gyro += noise(0.0, faults.gyro_noise, 3) if faults.gyro_noise else 0.0
         quat, position = self.data.qpos[3:7].copy(), self.data.qpos[:3].copy()
-        self._sensors.append(Sensors(self.now(), angles, self.data.qvel[6:].copy(), quat, gyro, position))
+        feet = np.isin(self._feet, self.data.contact.geom[: self.data.ncon])
+        self._sensors.append(Sensors(self.now(), angles, self.data.qvel[6:].copy(), quat, gyro, position, feet))
 
     def _expose(self, first: bool = False) -> None:
         if self.camera is None or (not first and self._random.uniform() < self.faults.dropped):

@@ -23,6 +23,7 @@ class Sensors:
         quat: (4,) orientation of the trunk (w, x, y, z).
         gyro: (3,) angular velocity in the trunk's frame, rad/s.
         position: (3,) of the trunk in the world, m; None if the robot does not know it.
+        feet: (4,) bool, which feet touch something; None if the robot does not feel it.
     """
 
     time: float
@@ -31,6 +32,7 @@ class Sensors:
     quat: np.ndarray
     gyro: np.ndarray
     position: np.ndarray | None = None
+    feet: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -86,4 +88,18 @@ class Robot(Protocol):
 
     def close(self) -> None:
         """Lets go of the robot: its motors get neither targets nor gains any more."""
+        ...
+
+
+class DrivenRobot(Robot, Protocol):
+    """A robot whose motors take more than targets: what the whole-body controller needs."""
+
+    def drive(
+        self, angles: np.ndarray, velocities: np.ndarray, kp: np.ndarray, kd: np.ndarray, torque: np.ndarray
+    ) -> None:
+        """Sends each motor torque + kp (angle − q) + kd (velocity − q̇), each (12,), SI, and returns as `command` does.
+
+        Raises:
+            RobotError: if the robot does not answer.
+        """
         ...

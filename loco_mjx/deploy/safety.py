@@ -21,6 +21,7 @@ from loco_mjx.deploy.plausible import Stuck, Unchanged, impossible, malformed, u
 from loco_mjx.deploy.robot import Frame, Sensors
 from loco_mjx.ranges import Range, check
 from loco_mjx.robots import NJOINT
+from loco_mjx.whole_body.controller import Command
 
 Seconds = Annotated[float, Range(0, 5, above=True)]
 AHEAD = 0.005  # s by which a measurement's clock may be ahead
@@ -42,6 +43,7 @@ class Cause(StrEnum):
     DEADLINE = "missed deadlines"
     CLOCK = "clock"
     POLICY = "policy failed"
+    SOLVER = "programs not solved"
     FAILURE = "software failure"
     ESTOP = "emergency stop"
     ROBOT = "robot does not answer"
@@ -68,6 +70,7 @@ class Limits:
         missed: deadlines in a row, and ticks by which one may be overdue.
         frozen: s for which measurements, or an image that shows anything, may stay the same to the last bit; images
             four times as long; a single joint if its target moves meanwhile.
+        unsolved: quadratic programs of the whole-body controller in a row that may go unsolved.
     """
 
     min_up: Annotated[float, Range(0, 1, above=True, below=True)] = 0.5
@@ -77,6 +80,7 @@ class Limits:
     frame_age: Seconds = 0.25
     missed: Annotated[int, Range(1, 100)] = 5
     frozen: Seconds = 0.5
+    unsolved: Annotated[int, Range(1, 100)] = 5
 
     def check(self) -> None:
         """Refuses limits that would never end a run.
@@ -226,13 +230,37 @@ class Guard:
         within = np.clip(targets, m.lower, m.upper)
         self._stuck(sensors, within)
         torque = kp * (within - sensors.angles) - kd * sensors.velocities
-        over = np.abs(torque) > m.torque_limit
-        self._saturated = np.where(over, self._saturated + 1 / m.pd_hz, 0.0)
-        worst = int(np.argmax(self._saturated))
-        if self._saturated[worst] > self.limits.saturated:
-            raise Stop(Cause.TORQUE, f"{m.joints[worst]} asks for {torque[worst]:.0f} N·m")
+        over = self._over(torque)
         allowed = np.clip(torque, -m.torque_limit, m.torque_limit)
         bounded = np.where(over, sensors.angles + (allowed + kd * sensors.velocities) / kp, within)
         safe = np.clip(bounded, m.lower, m.upper)
         self.clamped += int(np.any(safe != targets))
         return safe
+
+    def motors(self, command: Command, sensors: Sensors) -> Command:
+        """A command such that its law asks for no more than the torque limit, its angles within the joints' limits.
+
+        Raises Stop for a joint that asks for too much for too long.
+        """
+        m = self._manifest
+        angles = np.clip(command.angles, m.lower, m.upper)
+        asked = command.torque + command.kp * (angles - sensors.angles)
+        asked = asked + command.kd * (command.velocities - sensors.velocities)
+        self._over(asked)
+        excess = asked - np.clip(asked, -m.torque_limit, m.torque_limit)
+        self.clamped += int(np.any(excess) or np.any(angles != command.angles))
+        return command._replace(angles=angles, torque=command.torque - excess)
+
+    def _over(self, torque: np.ndarray) -> np.ndarray:
+        """Which joints (12,) ask for more than the torque limit.
+
+        Raises:
+            Stop: for one that does for too long.
+        """
+        m = self._manifest
+        over = np.abs(torque) > m.torque_limit
+        self._saturated = np.where(over, self._saturated + 1 / m.pd_hz, 0.0)
+        worst = int(np.argmax(self._saturated))
+        if self._saturated[worst] > self.limits.saturated:
+            raise Stop(Cause.TORQUE, f"{m.joints[worst]} asks for {torque[worst]:.0f} N·m")
+        return over

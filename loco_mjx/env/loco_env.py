@@ -45,6 +45,11 @@ class LocoEnv:
         self._model = physics_model.build(self.robot, config.physics, self.task.obstacle_slots)
 
     @property
+    def physics(self) -> physics_model.PhysicsModel:
+        """The physics of its robot, as its control steps use it."""
+        return self._model
+
+    @property
     def action_size(self) -> int:
         """Dimension of the action."""
         return self.config.action.size

@@ -5,6 +5,7 @@ Rigid-body dynamics are MJX's; contacts are the tangent planes of collision.py; 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -13,12 +14,15 @@ import numpy as np
 from flax import struct
 
 from loco_mjx.physics import block_matrix, collision, constraint, kinematics, solver
+from loco_mjx.physics.batch import together
 from loco_mjx.physics.mjx import mjx
 from loco_mjx.physics.model import PhysicsModel
 from loco_mjx.physics.xla import FusionBarrier, add_up, total
 from loco_mjx.robots import NJOINT, NV
 from loco_mjx.robots.motor import motor_torque
 from loco_mjx.scene.types import Scene
+
+Motors = Callable[[jax.Array, jax.Array], jax.Array]  # torques (12, N) of joint angles and velocities
 
 
 @struct.dataclass
@@ -124,18 +128,17 @@ def _integrate(qpos: jax.Array, qvel: jax.Array, timestep: float) -> jax.Array:
     return jp.concatenate([qpos[:3] + dt * qvel[:3], quat, qpos[7:] + dt * qvel[6:]])
 
 
-def _physics_step(
+def physics_step(
     model: PhysicsModel,
     barrier: FusionBarrier,
     candidates: collision.Candidates,
-    targets: jax.Array,
+    motors: Motors,
     dynamics: Dynamics,
     state: PhysicsState,
-) -> tuple[PhysicsState, jax.Array, jax.Array]:
-    """The next state, the squared torque and whether an obstacle is touched. Environments last in every array."""
+) -> tuple[PhysicsState, jax.Array, collision.ContactSlots]:
+    """The next state, the squared torque and what was touched. Environments last in every array."""
     robot, qpos, qvel = model.robot, state.qpos, state.qvel
-    limit, gains = kinematics.column(robot.torque_limit, qpos), (dynamics.kp, dynamics.kd)
-    torque = motor_torque(targets, qpos[7:], qvel[6:], *gains, limit, dynamics.motor_strength, dynamics.motor_friction)
+    torque = motors(qpos[7:], qvel[6:])
     dynamics_of = jax.vmap(lambda *args: _qM_and_qfrc_bias(model, *args), in_axes=-1, out_axes=-1)
     qM, qfrc_bias = barrier(dynamics_of, qpos, qvel, dynamics.mass, dynamics.inertia)
     pose = barrier(lambda qpos: kinematics.pose(robot, qpos), qpos)
@@ -159,24 +162,36 @@ def _physics_step(
     )
     qvel = qvel + np.float32(robot.physics_dt) * qacc
     new = PhysicsState(_integrate(qpos, qvel, robot.physics_dt), qvel, qacc)
-    return new, total(torque * torque), contacts.hit
+    return new, total(torque * torque), contacts
+
+
+def last(tree: Any) -> Any:
+    """Arrays with the environments on the last axis, of arrays that have them on the first."""
+    return jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), tree)
+
+
+def broadphase(model: PhysicsModel, state: PhysicsState, scene: Scene) -> collision.Candidates:
+    """What may touch the robots within a control step, environments last; of arguments that have them first."""
+    terrain, flat = scene.terrain, scene.replace(terrain=None)  # type: ignore[attr-defined]
+    pick = jax.vmap(lambda scene, qpos: collision.broadphase(scene, model.robot, qpos, model.config))
+    # A heightfield is too large to be turned around in every step.
+    return last(pick(flat, state.qpos)).replace(terrain=terrain)
 
 
 def _control_steps(
     model: PhysicsModel, state: PhysicsState, scene: Scene, targets: jax.Array, dynamics: Dynamics
 ) -> tuple[PhysicsState, SubstepTrace]:
     """:func:`control_step` of N environments, on the first axis of every argument."""
-    terrain, flat = scene.terrain, scene.replace(terrain=None)  # type: ignore[attr-defined]
-    pick = jax.vmap(lambda scene, qpos: collision.broadphase(scene, model.robot, qpos, model.config))
-    candidates = pick(flat, state.qpos)
-    last = lambda tree: jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), tree)  # noqa: E731
-    # A heightfield is too large to be turned around in every step.
-    candidates = last(candidates).replace(terrain=terrain)
+    candidates = broadphase(model, state, scene)
     state, targets, dynamics = last((state, targets, dynamics))
+    limit, gains = kinematics.column(model.robot.torque_limit, state.qpos), (dynamics.kp, dynamics.kd)
+
+    def motors(angle: jax.Array, velocity: jax.Array) -> jax.Array:
+        return motor_torque(targets, angle, velocity, *gains, limit, dynamics.motor_strength, dynamics.motor_friction)
 
     def body(state: PhysicsState, i: jax.Array) -> tuple[PhysicsState, tuple[jax.Array, ...]]:
-        new, squared, hit = _physics_step(model, FusionBarrier(i >= 0), candidates, targets, dynamics, state)
-        return new, (squared, hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
+        new, squared, contacts = physics_step(model, FusionBarrier(i >= 0), candidates, motors, dynamics, state)
+        return new, (squared, contacts.hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
 
     new, (squared, hit, *after) = jax.lax.scan(body, state, jp.arange(model.robot.substeps))
     before = (state.qpos[7:], state.qpos[3:7], state.qvel[3:6])
@@ -203,34 +218,4 @@ def control_step(
     Returns:
         State after the step, and what happened in it. A state that is not finite stays so.
     """
-
-    @jax.custom_batching.custom_vmap
-    def one(*args: Any) -> Any:
-        first = jax.tree.map(lambda x: jp.asarray(x)[None], args)
-        return jax.tree.map(lambda x: x[0], many(*first))
-
-    @one.def_vmap
-    def _(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
-        out = many(*_broadcast(size, batched, args))
-        return out, jax.tree.map(lambda _: True, out)
-
-    @jax.custom_batching.custom_vmap
-    def many(*args: Any) -> Any:
-        with jax.default_matmul_precision("highest"):
-            return _control_steps(model, *args)
-
-    @many.def_vmap
-    def _(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
-        args = _broadcast(size, batched, args)
-        count = args[0].qpos.shape[1]
-        merged = jax.tree.map(lambda x: x.reshape(size * count, *x.shape[2:]), args)
-        out = jax.tree.map(lambda x: x.reshape(size, count, *x.shape[1:]), many(*merged))
-        return out, jax.tree.map(lambda _: True, out)
-
-    return one(state, scene, targets, dynamics)
-
-
-def _broadcast(size: int, batched: Any, args: Any) -> Any:
-    """The arguments, each with the mapped axis in front."""
-    repeat = lambda x, is_batched: x if is_batched else jp.broadcast_to(x, (size, *jp.shape(x)))  # noqa: E731
-    return jax.tree.map(repeat, args, tuple(batched))
+    return together(lambda *args: _control_steps(model, *args))(state, scene, targets, dynamics)

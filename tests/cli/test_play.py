@@ -22,6 +22,9 @@ from loco_mjx.cli.main import main
         (["--zero", "--attention", "--video", "a.gif"], "'zero' has no attention from a state token"),
         (["nowhere", "--video", "a.gif"], "no run in nowhere"),
         (["--zero", "--web", "--port", "0"], "port is 0"),
+        (["--controller", "mpc", "--zero", "--video", "a.gif"], "--controller mpc walks without a policy"),
+        (["--controller", "mpc", "--web"], "--web shows no --controller"),
+        (["--controller", "mpc", "--vx", "nan", "--video", "a.gif"], "vx is nan and yaw is 0.0; accepted: numbers"),
     ],
 )
 def test_mistakes_are_one_line_and_leave_nothing_behind(args, words, tmp_path, monkeypatch, capsys):
