@@ -97,7 +97,7 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
     runs = planned(options, args, config)
 
     from loco_mjx.evaluation.in_training import evaluators
-    from loco_mjx.run import directory, machine, multihost, start
+    from loco_mjx.run import collectives, directory, machine, start
     from loco_mjx.run.progress import Output
 
     found = [directory.find(run.directory) for run in runs]
@@ -105,7 +105,7 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
     console = Output()
     if not gave_total(options, args):
         totals = [run.ppo.total_steps for run in found if run is not None]
-        total = int(multihost.broadcast(str(max(totals) if totals else default_total(config, len(runs)))))
+        total = int(collectives.broadcast(str(max(totals) if totals else default_total(config, len(runs)))))
         runs = [dataclasses.replace(run, config=settings.with_total(run.config, total)) for run in runs]
     for run, there in zip(runs, found, strict=True):
         if there is not None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from signal import SIGINT, SIGPIPE
-from typing import Annotated, Any, NoReturn, Protocol
+from typing import Annotated, Any, NoReturn
 
 import jax
 import numpy as np
@@ -17,51 +17,14 @@ from loco_mjx.config import Config
 from loco_mjx.config.tree import TotalSteps
 from loco_mjx.errors import UserError, is_full, unwritable
 from loco_mjx.ranges import COUNT, Range
-from loco_mjx.run import checkpoint, machine, multihost, retention
+from loco_mjx.run import checkpoint, collectives, machine, retention
+from loco_mjx.run.learner import GroupLearner, Learner, Single
 from loco_mjx.run.logger import SECONDS
 from loco_mjx.run.progress import Reporter
 from loco_mjx.run.run_log import Row, Run, RunLog, common_step
 from loco_mjx.run.signals import Leave, Stop
 
 Evaluate = Callable[[Any], dict[str, float]]  # from a training state to the deterministic policy's figures
-
-
-class Learner(Protocol):
-    """What the loop needs of :class:`loco_mjx.ppo.trainer.Trainer`."""
-
-    def init(self) -> Any:
-        """The state before the first iteration."""
-
-    def make_pool(self, iteration: int) -> Any:
-        """The scenes of an iteration."""
-
-    def iterate(self, state: Any, pool: Any) -> tuple[Any, dict[str, jax.Array]]:
-        """One iteration: the next state and scalars."""
-
-
-class GroupLearner(Learner, Protocol):
-    """What it needs of :class:`loco_mjx.ppo.multi_seed.SeedsTrainer`: several runs, each metric of shape (runs,)."""
-
-    def split(self, state: Any) -> list[Any]:
-        """Each run's own state."""
-
-    def join(self, parts: list[Any]) -> Any:
-        """The inverse of `split`."""
-
-
-class Single:
-    """One run's learner as that of a group."""
-
-    def __init__(self, learner: Learner) -> None:
-        self.init, self.make_pool, self.iterate = learner.init, learner.make_pool, learner.iterate
-
-    def split(self, state: Any) -> list[Any]:
-        """The one run's state."""
-        return [state]
-
-    def join(self, parts: list[Any]) -> Any:
-        """The inverse of `split`."""
-        return parts[0]
 
 
 @dataclass(frozen=True)
@@ -157,12 +120,12 @@ def _resume(learner: GroupLearner, runs: Sequence[Run], reporter: Reporter) -> t
         for run, part in zip(runs, learner.split(state), strict=True)
     ]
     samples = found[0][1] if found[0] else 0
-    if len(set(multihost.allgather(samples // runs[0].config.ppo.samples_per_iteration).tolist())) > 1:
+    if len(set(collectives.allgather(samples // runs[0].config.ppo.samples_per_iteration).tolist())) > 1:
         raise UserError(f"processes see different checkpoints in {runs[0].directory}; a shared file system is needed")
     parts = [restored[0] for restored in found if restored is not None]
     if not parts:
         return state, 0
-    if at is not None and multihost.is_first():
+    if at is not None and collectives.is_first():
         for run in runs:
             checkpoint.drop_after(run.directory, at)
     reporter.say(f"resuming at {samples:,} samples")
@@ -192,7 +155,7 @@ class _Loop:
         pool = None
         if samples == 0 and len(self.logs) > 1:  # where all stand together if a kill meets the first checkpoints
             self._save(state, 0)
-        _, signal, failed = multihost.agreed(False, self._signal())
+        _, signal, failed = collectives.agreed(False, self._signal())
         while iteration < self.ppo.iterations and signal is None and not failed:
             if pool is None or iteration % self.ppo.pool_refresh == 0:
                 pool = self.learner.make_pool(iteration)
@@ -202,7 +165,7 @@ class _Loop:
             self._say_age(iteration - first)
             samples = iteration * self.per_iteration
             time_to_save = self._time_to_save(iteration, time.monotonic() - saved_at)
-            time_to_save, signal, failed = multihost.agreed(time_to_save, self._signal(), self._failure() is not None)
+            time_to_save, signal, failed = collectives.agreed(time_to_save, self._signal(), self._failure() is not None)
             if time_to_save and not failed:
                 self._save(state, samples)
                 saved, saved_at = samples, time.monotonic()

@@ -1,8 +1,8 @@
-"""One run over several processes, usually one per host: how they find each other, agree, and end together.
+"""One run over several processes, usually one per host: how they find each other, and end together.
 
 JAX's multi-process runtime makes one mesh of all processes' devices. Every process runs the same program; the first one
-alone writes and speaks. All of them read the run's directory, which has to lie on a file system that they share.
-With one process, which is the rule, everything here does nothing.
+alone writes and speaks (see loco_mjx/run/collectives.py). All of them read the run's directory, which has to lie on a
+file system that they share. With one process, which is the rule, everything here does nothing.
 """
 
 from __future__ import annotations
@@ -17,19 +17,17 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import jax
-import numpy as np
 
 from loco_mjx.errors import UserError
 
 CONNECT_SECONDS = 120.0  # for all processes to have started
 HEARTBEAT_SECONDS = 60  # after which a host that fell silent counts as dead; a process that ends is noticed at once
 SHUTDOWN_SECONDS = 60
-_TEXT = 1 << 15  # bytes of the longest text that processes share
 _LOST = "another process of this run has ended or cannot be reached; its own last line says why"
 _GO_ON = "the last checkpoint is kept: start all of them again to go on"
 # Tells of an abort, by which JAX ends a process whose coordinator is gone; it cannot be caught within the process. Its
@@ -227,75 +225,3 @@ def _is_loss(error: BaseException) -> bool:
     """Whether a collective failed because a process it needs is gone."""
     words = ("Connection closed by peer", "Connection reset by peer", "Gloo", "NCCL", "coordination service")
     return isinstance(error, (ValueError, RuntimeError)) and any(word in str(error) for word in words)
-
-
-# What processes tell each other ---------------------------------------------------------------------------------
-
-
-def is_first() -> bool:
-    """Whether this process is the one that writes and speaks."""
-    return jax.process_index() == 0
-
-
-def fetch_whole(tree: Any) -> Any:
-    """A pytree of arrays, with those that are sharded over processes gathered."""
-    if jax.process_count() == 1:
-        return tree
-    from jax.experimental import multihost_utils
-
-    return multihost_utils.process_allgather(tree, tiled=True)
-
-
-def allgather(value: Any) -> np.ndarray:
-    """(processes, ...) every process's value."""
-    if jax.process_count() == 1:
-        return np.asarray(value)[None]
-    from jax.experimental import multihost_utils
-
-    return np.asarray(multihost_utils.process_allgather(np.asarray(value)))
-
-
-def broadcast(text: str) -> str:
-    """The first process's text."""
-    if jax.process_count() == 1:
-        return text
-    data = np.frombuffer(text.encode()[:_TEXT].ljust(_TEXT, b"\0"), np.uint8)
-    return bytes(allgather(data)[0]).rstrip(b"\0").decode(errors="replace")
-
-
-def agreed(save: bool, stop: int | None, failed: bool = False) -> tuple[bool, int | None, bool]:
-    """Whether the first process finds that it is time to save, any process's signal, whether any has failed."""
-    if jax.process_count() == 1:
-        return save, stop, failed
-    told = allgather(np.array([save, stop or 0, failed], np.int32))
-    return bool(told[0, 0]), int(told[:, 1].max()) or None, bool(told[:, 2].any())
-
-
-def on_first(action: Callable[[], None]) -> None:
-    """Lets the first process do something when all have come here; what it refuses, all refuse.
-
-    Raises:
-        UserError: as the action did.
-    """
-    allgather(0)
-    problem: UserError | None = None
-    if is_first():
-        try:
-            action()
-        except UserError as error:
-            problem = error
-    text = broadcast("" if problem is None else str(problem))
-    if text:
-        raise problem or UserError(text)
-
-
-def check_same(text: str, what: str) -> None:
-    """Checks that all processes have the same text.
-
-    Raises:
-        UserError: naming those that differ from the first.
-    """
-    same = allgather(np.int32(broadcast(text) == text))
-    others = ", ".join(str(i) for i in np.flatnonzero(same == 0))
-    if others:
-        raise UserError(f"process {others} has another {what} than process 0; start all with the same options")

@@ -10,7 +10,7 @@ from typing import Any
 
 from loco_mjx.config import Config
 from loco_mjx.errors import RunError, UserError
-from loco_mjx.run import checkpoint, multihost
+from loco_mjx.run import checkpoint, collectives
 from loco_mjx.run.directory import CONFIG, LOCK
 from loco_mjx.run.logger import Logger
 
@@ -44,7 +44,7 @@ class RunLog:
         """
         self.run, self.problem, self.failure = run, None, None
         self._logger = None
-        if multihost.is_first():
+        if collectives.is_first():
             kept = checkpoint.curves(run.directory, samples) if samples else None
             self._logger = Logger(run.directory, samples, kept, say)
 
@@ -78,7 +78,7 @@ class RunLog:
         Raises:
             UserError: if the disk is full or not writable, or the run's directory has gone.
         """
-        state = multihost.fetch_whole(state)
+        state = collectives.fetch_whole(state)
         if self._logger is not None:
             self._check_place()
             policy, curves = policy_of(state), self._logger.text

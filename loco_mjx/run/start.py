@@ -14,7 +14,8 @@ from rich.console import Console
 
 from loco_mjx.config import Config, teacher_of, to_dict
 from loco_mjx.errors import UserError
-from loco_mjx.run import checkpoint, directory, loop, multihost, needs, provenance, settings
+from loco_mjx.run import checkpoint, collectives, directory, loop, needs, provenance, settings
+from loco_mjx.run.learner import GroupLearner, Single
 from loco_mjx.run.progress import Reporter
 from loco_mjx.run.run_log import Run, common_step
 from loco_mjx.run.summary import print_summary
@@ -97,7 +98,7 @@ def train(
             directory.reconcile(run.directory, found, run.config)
         check_record(run.directory / directory.INFO)
     config = runs[0].config
-    multihost.check_same(json.dumps(to_dict(config)), "configuration")
+    collectives.check_same(json.dumps(to_dict(config)), "configuration")
     if config.method == "distill":
         stopped = teach(runs[0], options, console, command, evaluators)
         if stopped is not None:
@@ -117,13 +118,13 @@ def train(
             for run in runs:
                 directory.record_start(run.directory, run.config, provenance.describe(command) | {"samples": done})
 
-        multihost.on_first(claim)
+        collectives.on_first(claim)
         seeds = [run.config.seed for run in runs]
         print_summary(console, config, provenance.devices(), count_parameters(trainer, config), seeds)
         reporter = Reporter(console, len(runs) * settings.total_samples(config), len(runs) * done, callback=callback)
         try:
             evaluations = evaluators(runs, trainer)
-            return loop.run_group(learner, runs, options, reporter, evaluations, lambda: multihost.on_first(record))
+            return loop.run_group(learner, runs, options, reporter, evaluations, lambda: collectives.on_first(record))
         finally:
             reporter.close()
 
@@ -139,10 +140,10 @@ def check_record(path: Path) -> None:
         raise UserError(f"{path} does not say what the run ran with; restore it, or remove it")
 
 
-def group(trainer: Any, runs: Sequence[Run]) -> loop.GroupLearner:
+def group(trainer: Any, runs: Sequence[Run]) -> GroupLearner:
     """A configuration's trainer as the learner of one run or of several."""
     if len(runs) == 1:
-        return loop.Single(trainer)
+        return Single(trainer)
     from loco_mjx.ppo.multi_seed import SeedsTrainer
 
     return SeedsTrainer(trainer, [run.config.seed for run in runs])

@@ -16,6 +16,7 @@ from rich.console import Console
 from loco_mjx.cli.main import main
 from loco_mjx.errors import UserError
 from loco_mjx.run import checkpoint, directory, loop, start
+from loco_mjx.run.learner import Single
 from loco_mjx.run.progress import Reporter
 from loco_mjx.run.run_log import Run
 from tests.cli.test_train import RUN, SMALL, refused
@@ -45,7 +46,7 @@ def command(monkeypatch, tmp_path):
 
 def _group(trainer, runs):
     seeds = tuple(run.config.seed for run in runs)
-    return tiny_seeds(trainer.config, seeds) if len(runs) > 1 else loop.Single(trainer)
+    return tiny_seeds(trainer.config, seeds) if len(runs) > 1 else Single(trainer)
 
 
 def _runs(folder, iterations=6):
