@@ -14,7 +14,8 @@ import jax.numpy as jp
 from flax import struct
 
 from loco_mjx.physics.batch import together
-from loco_mjx.physics.kinematics import LEGS, column
+from loco_mjx.physics.block_matrix import LEGS
+from loco_mjx.physics.kinematics import column
 from loco_mjx.physics.model import PhysicsModel
 from loco_mjx.physics.step import (
     Dynamics,
