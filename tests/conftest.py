@@ -25,7 +25,7 @@ for _number, _handler in ((signal.SIGHUP, signal.SIG_DFL), (signal.SIGINT, signa
 # Files whose tests take longest start first, so that no worker is left alone with one at the end.
 _LONG = ("test_multihost.py", "test_web.py", "test_simcheck.py", "test_brax.py", "test_ray.py", "test_loco_env.py")
 _LONG += ("test_physics_c_mujoco.py", "test_depth_c_mujoco.py", "test_learning.py", "test_train.py", "test_trainer.py")
-_LONG += ("test_seeds.py", "test_multi_seed.py")
+_LONG += ("test_seeds.py", "test_multi_seed.py", "test_examples.py")
 
 
 _COMPILATION = Compilation()

@@ -5,7 +5,6 @@ import json
 import sys
 from pathlib import Path
 
-import jax
 import mujoco
 import numpy as np
 import pytest
@@ -23,6 +22,7 @@ from loco_mjx.run import needs
 from loco_mjx.run.directory import load_config
 from loco_mjx.run.logger import read_rows
 from loco_mjx.scene.tasks import TASKS
+from tests.deploy import made
 from tests.optional import needs_opengl
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -30,7 +30,6 @@ MODULES = ("custom_task", "custom_policy", "custom_reward")
 IMPORTS = [word for name in MODULES for word in ("--import", str(EXAMPLES / f"{name}.py"))]
 OWN = (TASKS, "slalom"), (POLICIES, "gated"), (REWARDS, "calm"), (REWARDS, "straight")
 SIZES = {"ppo.unroll": 4, "ppo.minibatch": 16, "ppo.epochs": 1, "ppo.pool_size": 2, "env.horizon": 8}
-TINY = {"num_envs": 4, "total_steps": 32, "keys": SIZES | {"network.state_only_hidden": (8, 8)}}
 OPTIONS = [word for key, value in SIZES.items() for word in (f"--{key}", str(value))]
 
 
@@ -67,33 +66,36 @@ def test_a_run_of_ones_own_notes_its_modules_and_rewards(run):
     assert float(row["step/reward/calm"]) < 0 and "step/reward/straight" not in row
 
 
+def test_training_from_python_stops_when_it_walks_well_enough(run, tmp_path, monkeypatch, capsys):
+    """On the run's configuration, whose programs are compiled by now."""
+    module = load("train_from_python")
+    monkeypatch.setattr(module, "FAR_ENOUGH", -1.0)
+    keys = SIZES | {"env.reward.straight": 0.0}
+    own = {"task": "slalom", "policy": "gated", "num_envs": 4, "total_steps": 32, "keys": keys}
+    result = module.main(str(tmp_path / "run"), **own)
+    assert load_config(tmp_path / "run") == load_config(run)
+    assert result["samples"] == 16 and "distance" in result["metrics"]  # stopped after the first iteration
+    assert capsys.readouterr().out.count("reward per step") == 1
+
+
 def test_it_is_evaluated_exported_and_missed(run, capsys, tmp_path):
-    assert main(["evaluate", str(run), *IMPORTS, "--episodes", "2", "--json"]) == 0
+    assert main(["evaluate", str(run), *IMPORTS, "--episodes", "8", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result["policy"], result["task"]) == ("gated", "slalom") and result["metrics"]["reward/calm"]["mean"] < 0
     out = tmp_path / "policy"
     assert main(["export", str(run), *IMPORTS, "--out", str(out)]) == 0
     policy, session = loco_mjx.load_policy(out), Session(folder.read(out), out)
-    state = policy.make_env().reset(jax.random.PRNGKey(0))
-    obs = {"state": state.obs["state"], "depth": state.obs["pixels/depth"]}
-    targets = session({name: np.asarray(value) for name, value in obs.items()})
+    obs = {name: views[0] for name, views in made.observations(1).items()}
+    targets = session(obs)
     scale = np.tile(policy.config.env.action.scale, 4)
     away = targets - folder.read(out).default_pose
-    assert away == pytest.approx(policy.act(state.obs) * scale, abs=1e-4)
+    assert away == pytest.approx(policy.act({"state": obs["state"], "pixels/depth": obs["depth"]}) * scale, abs=1e-4)
     forget()
     for path in (run, out):
         with pytest.raises(UserError, match=r"needs the task 'slalom'.*; pass --import .*custom_task\.py"):
             trained.load(path)
     assert main(["evaluate", str(out)]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
-
-
-def test_training_from_python_stops_when_it_walks_well_enough(tmp_path, monkeypatch, capsys):
-    module = load("train_from_python")
-    monkeypatch.setattr(module, "FAR_ENOUGH", -1.0)
-    result = module.main(str(tmp_path / "run"), **TINY)
-    assert result["samples"] == 16 and "distance" in result["metrics"]  # stopped after the first iteration
-    assert capsys.readouterr().out.count("reward per step") == 1
 
 
 def test_a_robot_of_ones_own(tmp_path):
@@ -120,13 +122,13 @@ def cells():
 
 
 def test_the_notebook(tmp_path, monkeypatch):
-    """All cells but the film's; the sizes are those of the other run from Python, whose programs are used again."""
+    """All cells but the film's; tiny sizes in place of the parameters."""
     monkeypatch.chdir(tmp_path)
     names = {"__name__": "__main__"}
     parameters, *others = cells()[:-1]
     exec(parameters, names)
     assert names["SAMPLES"] >= 100_000
-    names |= {"SAMPLES": 32, "ENVS": 4, "EPISODES": 8, "KEYS": TINY["keys"]}
+    names |= {"SAMPLES": 32, "ENVS": 4, "EPISODES": 8, "KEYS": SIZES | {"network.state_only_hidden": (8, 8)}}
     for cell in others:
         exec(cell, names)
     assert [samples for samples, _ in names["curve"]] == [16, 32] and names["outcome"].samples == 32

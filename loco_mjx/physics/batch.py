@@ -1,50 +1,79 @@
-"""Functions of many environments, written so that `jax.vmap` of one environment's calls them once."""
+"""Functions of many environments, written so that `jax.vmap` of one environment's calls them once.
+
+`jax.custom_batching.custom_vmap` does that too, but traces the function for one environment first, only to throw that
+away: for a control step that is half of the time before XLA starts to compile. So this is a primitive of our own, and
+what it calls is traced when it is lowered.
+"""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jp
+from jax.extend.core import Primitive
+from jax.interpreters import batching, mlir
 
 
-def together(many: Callable[..., Any]) -> Callable[..., Any]:
+def together(many: Callable[..., Any], result: Any = None) -> Callable[..., Any]:
     """The function of one environment, of a function of N, on the first axis of every argument and result.
 
     `jax.vmap` of it is `many`, and a vmap of that (seeds × environments) is `many` of all of them together.
+
+    Args:
+        many: may not close over what JAX traces.
+        result: its result for one environment, as a pytree of `jax.ShapeDtypeStruct`; None: it is traced to find out.
     """
 
     def call(*args: Any) -> Any:
-        @jax.custom_batching.custom_vmap
-        def one(*args: Any) -> Any:
-            first = jax.tree.map(lambda x: jp.asarray(x)[None], args)
-            return jax.tree.map(lambda x: x[0], all_of(*first))
-
-        @one.def_vmap
-        def _(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
-            out = all_of(*_broadcast(size, batched, args))
-            return out, jax.tree.map(lambda _: True, out)
-
-        @jax.custom_batching.custom_vmap
-        def all_of(*args: Any) -> Any:
-            with jax.default_matmul_precision("highest"):
-                return many(*args)
-
-        @all_of.def_vmap
-        def _(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
-            args = _broadcast(size, batched, args)
-            count = jax.tree.leaves(args)[0].shape[1]
-            merged = jax.tree.map(lambda x: x.reshape(size * count, *x.shape[2:]), args)
-            out = jax.tree.map(lambda x: x.reshape(size, count, *x.shape[1:]), all_of(*merged))
-            return out, jax.tree.map(lambda _: True, out)
-
-        return one(*args)
+        leaves, tree = jax.tree.flatten(args)
+        first = [jp.asarray(leaf)[None] for leaf in leaves]
+        run = functools.partial(_run, many, tree)
+        if result is None:
+            whole = jax.eval_shape(many, *jax.tree.unflatten(tree, first))
+            described = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), whole)
+        else:
+            described = result
+        shapes, out_tree = jax.tree.flatten(described)
+        known = tuple((leaf.shape, leaf.dtype) for leaf in shapes)
+        found = _together.bind(*first, run=run, known=known)
+        return jax.tree.unflatten(out_tree, [leaf[0] for leaf in found])
 
     return call
 
 
-def _broadcast(size: int, batched: Any, args: Any) -> Any:
-    """The arguments, each with the mapped axis in front."""
-    repeat = lambda x, is_batched: x if is_batched else jp.broadcast_to(x, (size, *jp.shape(x)))  # noqa: E731
-    return jax.tree.map(repeat, args, tuple(batched))
+def _run(many: Callable[..., Any], tree: Any, *leaves: jax.Array) -> list[jax.Array]:
+    with jax.default_matmul_precision("highest"):
+        return jax.tree.leaves(many(*jax.tree.unflatten(tree, leaves)))
+
+
+_together = Primitive("together")
+_together.multiple_results = True
+
+
+@_together.def_impl
+def _(*leaves: jax.Array, run: Callable[..., list[jax.Array]], known: Any) -> list[jax.Array]:
+    return jax.jit(run)(*leaves)
+
+
+@_together.def_abstract_eval
+def _(*leaves: Any, run: Callable[..., list[jax.Array]], known: Any) -> list[jax.core.ShapedArray]:
+    return [jax.core.ShapedArray((leaves[0].shape[0], *shape), dtype) for shape, dtype in known]
+
+
+def _merge(leaves: Any, axes: Any, **params: Any) -> tuple[list[jax.Array], list[int]]:
+    """One more mapped axis: it and the batch's become one."""
+    size = next(x.shape[axis] for x, axis in zip(leaves, axes, strict=True) if axis is not None)
+    spread = [
+        jp.broadcast_to(x, (size, *x.shape)) if axis is None else jp.moveaxis(x, axis, 0)
+        for x, axis in zip(leaves, axes, strict=True)
+    ]
+    count = spread[0].shape[1]
+    found = _together.bind(*(x.reshape(size * count, *x.shape[2:]) for x in spread), **params)
+    return [x.reshape(size, count, *x.shape[1:]) for x in found], [0] * len(found)
+
+
+batching.primitive_batchers[_together] = _merge
+mlir.register_lowering(_together, mlir.lower_fun(lambda *leaves, run, known: run(*leaves), multiple_results=True))

@@ -15,7 +15,8 @@ import numpy as np
 from flax import struct
 
 from loco_mjx.config import PhysicsConfig
-from loco_mjx.physics.kinematics import LEGS, Vector, column, sphere_centers
+from loco_mjx.physics.block_matrix import LEGS
+from loco_mjx.physics.kinematics import Vector, column, sphere_centers
 from loco_mjx.physics.xla import FusionBarrier
 from loco_mjx.robots import Robot
 from loco_mjx.scene.surface import ground

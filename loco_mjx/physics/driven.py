@@ -14,9 +14,20 @@ import jax.numpy as jp
 from flax import struct
 
 from loco_mjx.physics.batch import together
-from loco_mjx.physics.kinematics import LEGS, column
+from loco_mjx.physics.block_matrix import LEGS
+from loco_mjx.physics.kinematics import column
 from loco_mjx.physics.model import PhysicsModel
-from loco_mjx.physics.step import Dynamics, Motors, PhysicsState, SubstepTrace, broadphase, last, physics_step
+from loco_mjx.physics.step import (
+    Dynamics,
+    Motors,
+    PhysicsState,
+    SubstepTrace,
+    broadphase,
+    described,
+    last,
+    physics_step,
+    trace_shapes,
+)
 from loco_mjx.physics.xla import FusionBarrier
 from loco_mjx.scene.types import Scene
 
@@ -130,4 +141,7 @@ def driven_steps(
         Robot and controller afterwards, what happened, and the controller's facts (ticks, ...).
     """
     run = lambda *args: _run(model, controller, ticks, substeps, *args)  # noqa: E731
-    return together(run)(driven, scene, dynamics)
+    facts = jax.eval_shape(controller, driven.memory, driven.physics, driven.contacts)[2]
+    facts = jax.tree.map(lambda x: jax.ShapeDtypeStruct((ticks, *x.shape), x.dtype), facts)
+    shapes = (described(driven), trace_shapes(ticks * substeps), facts)
+    return together(run, shapes)(driven, scene, dynamics)

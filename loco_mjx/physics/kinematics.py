@@ -18,8 +18,6 @@ from loco_mjx.robots import Robot
 
 Vector = tuple[jax.Array, jax.Array, jax.Array]  # x, y, z, arrays of one shape
 
-LEGS = 4
-
 
 class Pose(NamedTuple):
     """The robot in the world frame; each vector is x, y, z.

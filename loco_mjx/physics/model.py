@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import jax
 import mujoco
 import numpy as np
 
@@ -94,10 +95,12 @@ def build(robot: Robot, config: PhysicsConfig, obstacle_slots: int = 2) -> Physi
     bare = spec.compile()
     bare.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     step = full.opt.timestep
+    with jax.ensure_compile_time_eval():  # so that an environment may be made inside of a function that JAX traces
+        of_mjx, data = mjx.put_model(bare, impl="jax"), mjx.make_data(bare, impl="jax")
     return PhysicsModel(
         robot=robot,
-        mjx=mjx.put_model(bare, impl="jax"),
-        data=mjx.make_data(bare, impl="jax"),
+        mjx=of_mjx,
+        data=data,
         sphere_invweight=full.body_invweight0[full.geom_bodyid[spheres], 0].astype(np.float32),
         joint_invweight=full.dof_invweight0[6:].astype(np.float32),
         contact_parameters=_solver_parameters(full.geom_solref[spheres[0]], full.geom_solimp[spheres[0]], step),

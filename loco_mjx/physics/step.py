@@ -218,4 +218,26 @@ def control_step(
     Returns:
         State after the step, and what happened in it. A state that is not finite stays so.
     """
-    return together(lambda *args: _control_steps(model, *args))(state, scene, targets, dynamics)
+    steps = lambda *args: _control_steps(model, *args)  # noqa: E731
+    return together(steps, (described(state), trace_shapes(model.robot.substeps)))(state, scene, targets, dynamics)
+
+
+def described(tree: Any) -> Any:
+    """The shapes and types of a pytree of arrays."""
+    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(jp.shape(x), jp.result_type(x)), tree)
+
+
+def trace_shapes(count: int) -> Any:
+    """The shapes of one environment's :class:`SubstepTrace` of so many physics steps."""
+
+    def of(*shape: int, dtype: Any = jp.float32) -> Any:
+        return jax.ShapeDtypeStruct(shape, dtype)
+
+    return SubstepTrace(
+        torque_squared=of(),
+        obstacle_contact=of(dtype=jp.bool_),
+        dropped=of(dtype=jp.int32),
+        angles=of(count + 1, NJOINT),
+        quat=of(count + 1, 4),
+        gyro=of(count + 1, 3),
+    )

@@ -25,7 +25,7 @@ def print_summary(
         seeds: that train side by side.
     """
     seed = f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"
-    table = Table(title=f"{config.policy} on {config.env.task}, {seed}", title_justify="left")
+    table = Table(title=f"{config.policy} on {config.env.task}, {config.env.robot}, {seed}", title_justify="left")
     table.add_column("part")
     table.add_column("name")
     table.add_column("size or weight", justify="right")
