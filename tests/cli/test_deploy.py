@@ -42,6 +42,13 @@ def test_deploy_refuses(policy, tmp_path, capsys):
     refused(["deploy", str(policy)], "is not the file", capsys)
 
 
+def test_deploy_refuses_a_controller_that_cannot_walk(policy, capsys):
+    refused(["deploy"], "no policy to run; accepted: a folder", capsys)
+    refused(["deploy", str(policy), "--controller", "mpc"], "walks without a policy", capsys)
+    refused(["deploy", "--controller", "mpc", "--vx", "nan"], "vx is nan and yaw is 0.0; accepted: numbers", capsys)
+    refused(["deploy", "--controller", "mpc", "--robot", "a1", "--body", "go1"], "accepted: --body a1", capsys)
+
+
 def test_deploy_refuses_a_scene_without_the_robot(policy, tmp_path, capsys):
     (tmp_path / "empty.xml").write_text("<mujoco/>")
     refused(["deploy", str(policy), "--scene", str(tmp_path / "empty.xml")], "no scene with a robot", capsys)

@@ -95,6 +95,21 @@ def test_measurements(sdk):
     assert sensors.position is None
 
 
+def test_feet_touch_when_their_sensors_are_pressed(sdk):
+    robot = A1Robot(None)
+    assert robot.read().feet is None  # a binding without foot sensors
+    robot._state.footForce = [0, 19, 21, 150]
+    assert robot.read().feet.tolist() == [False, False, True, True]
+
+
+def test_driving_reaches_every_motor_with_its_own_gains_and_torque(sdk):
+    robot, rows = A1Robot(None), np.arange(60.0).reshape(5, 12)
+    robot.drive(*rows)
+    angles, velocities, kp, kd, torque = rows
+    wanted = [(0x0A, *map(float, motor)) for motor in zip(angles, velocities, kp, kd, torque, strict=True)]
+    assert Udp.last.sent[-1] == wanted and sdk.limited == 1
+
+
 def test_commands_reach_the_motors_in_order(sdk):
     robot = A1Robot(None)
     targets = np.linspace(-1.0, 1.0, 12)
