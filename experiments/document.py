@@ -8,6 +8,7 @@ from typing import Any
 
 from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, len_episodes, rows, runs
 from experiments.ordering import comparison
+from experiments.robots_section import robots, whole_body
 from experiments.taught_section import taught
 from loco_mjx.compare.markup import markdown
 
@@ -227,7 +228,21 @@ def main() -> None:
     """Writes the document and its figure."""
     curves()
     (ROOT / "docs" / "results.md").write_text(
-        "\n".join(part for part in (INTRO, taught(), learning(), comparison(), simcheck(), speed(), ratios()) if part)
+        "\n".join(
+            part
+            for part in (
+                INTRO,
+                taught(),
+                learning(),
+                comparison(),
+                robots(),
+                whole_body(),
+                simcheck(),
+                speed(),
+                ratios(),
+            )
+            if part
+        )
     )
 
 
