@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -41,9 +40,9 @@ class Options:
     """Folder that `loco-mjx export` wrote, or the name of a shipped policy; none for --controller."""
     controller: Literal["mpc"] | None = None
     """Walk by the whole-body controller instead of a policy (docs/whole_body.md)."""
-    vx: float = 0.3
+    vx: Annotated[float, Range(-10, 10)] = 0.3
     """For --controller: speed ahead, m/s; clipped to ±0.4."""
-    yaw: float = 0.0
+    yaw: Annotated[float, Range(-10, 10)] = 0.0
     """For --controller: yaw rate, rad/s; clipped to ±0.3."""
     body: str = DEFAULT
     """For --controller in C MuJoCo: which robot, by name or the path of its MJCF."""
@@ -104,8 +103,6 @@ def walk(options: Options) -> int:
     """
     if options.policy is not None:
         raise UserError("--controller mpc walks without a policy; accepted: the one or the other")
-    if not (math.isfinite(options.vx) and math.isfinite(options.yaw)):
-        raise UserError(f"vx is {options.vx} and yaw is {options.yaw}; accepted: numbers")
     about = get_robot(options.body)
     robot: MujocoRobot | A1Robot
     if options.robot == "a1":

@@ -57,9 +57,9 @@ class Options:
     """Act at random instead of running a policy."""
     controller: Literal["mpc"] | None = None
     """Walk by the whole-body controller instead of running a policy (docs/whole_body.md)."""
-    vx: float = 0.3
+    vx: Annotated[float, Range(-10, 10)] = 0.3
     """For --controller: speed ahead, m/s; clipped to ±0.4."""
-    yaw: float = 0.0
+    yaw: Annotated[float, Range(-10, 10)] = 0.0
     """For --controller: yaw rate, rad/s; clipped to ±0.3."""
     width: Annotated[int, Range(64, 1920)] = 640
     """Of the video, pixels; it is 16:9."""
@@ -118,8 +118,6 @@ def check(options: Options) -> None:
         raise UserError("--controller mpc walks without a policy; accepted: it alone, without one, --zero or --random")
     if options.controller and options.web:
         raise UserError("--web shows no --controller; accepted: --video and --figure")
-    if not (math.isfinite(options.vx) and math.isfinite(options.yaw)):
-        raise UserError(f"vx is {options.vx} and yaw is {options.yaw}; accepted: numbers")
     if options.robot is not None and options.directory is not None:
         raise UserError("--robot is for --zero, --random and --controller alone; a policy says itself whose it is")
     if options.fps not in RATES:

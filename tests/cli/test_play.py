@@ -24,7 +24,7 @@ from loco_mjx.cli.main import main
         (["--zero", "--web", "--port", "0"], "port is 0"),
         (["--controller", "mpc", "--zero", "--video", "a.gif"], "--controller mpc walks without a policy"),
         (["--controller", "mpc", "--web"], "--web shows no --controller"),
-        (["--controller", "mpc", "--vx", "nan", "--video", "a.gif"], "vx is nan and yaw is 0.0; accepted: numbers"),
+        (["--controller", "mpc", "--vx", "nan", "--video", "a.gif"], "vx is nan; accepted: -10 to 10"),
     ],
 )
 def test_mistakes_are_one_line_and_leave_nothing_behind(args, words, tmp_path, monkeypatch, capsys):

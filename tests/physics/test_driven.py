@@ -10,6 +10,8 @@ from loco_mjx.physics.step import initial_state
 from tests.known_robots import A1
 from tests.physics import world
 
+pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+
 TICKS, SUBSTEPS = 8, 2  # a control step of the A1
 STEPS = 6
 
