@@ -25,7 +25,6 @@ from loco_mjx.sharding import AXIS, shard_map
 CHUNK = 64  # episodes run side by side on a CPU; an accelerator takes more
 ACCELERATOR_CHUNK = 1024
 EARLY_SECONDS = 16.0  # 1,000 steps of the authors' code; the paper prints 25 Hz, its code runs at 62.5 Hz
-EARLY_STEPS = round(EARLY_SECONDS * 25)  # control steps of the robots that come with the package
 EARLY = {"distance": "distance_16s", "collisions": "collisions_16s"}  # metrics that are also summed over that time
 WALKED = 1.0  # m, mean distance below which collisions per metre say nothing
 Figures = dict[str, np.ndarray]
@@ -64,28 +63,31 @@ class Tally:
         sums: (episodes,) of each metric, and of `return`, `length` and `survived`.
         alive: (episodes,) bool, which episodes go on.
         step: () int32 control steps taken.
+        early: how many of them are within EARLY_SECONDS.
     """
 
     sums: dict[str, jax.Array]
     alive: jax.Array
     step: jax.Array
+    early: int = struct.field(pytree_node=False)
 
     @classmethod
-    def start(cls, state: State) -> Tally:
-        """Nothing has happened yet; `state` is the episodes' first."""
+    def start(cls, state: State, control_dt: float) -> Tally:
+        """Nothing has happened yet; `state` is the episodes' first, and a control step lasts `control_dt` seconds."""
         zero = jp.zeros(state.done.shape, jp.float32)
         early = [metric for name, metric in EARLY.items() if name in state.metrics]
         sums = dict.fromkeys((*state.metrics, *early, "return", "length", "survived"), zero)
-        return cls(sums, jp.ones(zero.shape, bool), jp.zeros((), jp.int32))
+        steps = round(EARLY_SECONDS / control_dt)
+        return cls(sums, jp.ones(zero.shape, bool), jp.zeros((), jp.int32), steps)
 
     def add(self, state: State) -> Tally:
         """Counts a control step, after which the episodes are in `state`."""
         survived = state.done * state.info["truncation"]
         values = state.metrics | {"return": state.reward, "length": jp.ones_like(state.reward), "survived": survived}
         early = {metric: name for name, metric in EARLY.items() if metric in self.sums}
-        values |= {metric: jp.where(self.step < EARLY_STEPS, values[name], 0.0) for metric, name in early.items()}
+        values |= {metric: jp.where(self.step < self.early, values[name], 0.0) for metric, name in early.items()}
         sums = {name: total + jp.where(self.alive, values[name], 0.0) for name, total in self.sums.items()}
-        return Tally(sums, self.alive & (state.done == 0), self.step + 1)
+        return Tally(sums, self.alive & (state.done == 0), self.step + 1, self.early)
 
 
 class Evaluator:
@@ -95,7 +97,7 @@ class Evaluator:
         """Prepares the program.
 
         Args:
-            env: a :class:`loco_mjx.env.loco_env.LocoEnv`, or anything with its `reset` and `step`.
+            env: a :class:`loco_mjx.env.loco_env.LocoEnv`, or anything with its `reset`, `step` and `dt`.
             networks: of the policy.
             horizon: the longest an episode can be, control steps.
             mesh: devices with one axis named ``env``.
@@ -155,7 +157,7 @@ class Evaluator:
             state = jax.vmap(self.env.step)(state, action)
             return state, tally.add(state), held
 
-        carry = (state, Tally.start(state), actor.start(state.obs))
+        carry = (state, Tally.start(state, self.env.dt), actor.start(state.obs))
         return jax.lax.while_loop(more, body, carry)[1].sums
 
 

@@ -94,7 +94,7 @@ def simcheck(
         c = CSide(env, manifest, session, pool, prisms)
         for side, watch in ((MjxSide(env, manifest, session, pool, mesh), recorder), (c, None)):
             begin = time.perf_counter()
-            found[side.name] = run(side, first, config.horizon, tick, watch)
+            found[side.name] = run(side, first, config.horizon, env.dt, tick, watch)
             seconds[side.name] = time.perf_counter() - begin
         again = replay(recorder.windows, c.robots, manifest, session, pool, partial(tick, REPLAY))
     return {
@@ -123,17 +123,18 @@ def _replayed(again: Replayed) -> dict[str, Any]:
     return {"windows": count, "seconds": again.seconds, "targets": away} | compare(again.c, again.mjx)
 
 
-def run(side: Side, first: State, horizon: int, tick: Tick, watch: Watch | None = None) -> Figures:
+def run(side: Side, first: State, horizon: int, control_dt: float, tick: Tick, watch: Watch | None = None) -> Figures:
     """Each metric of each episode, (episodes,): summed up to its first `done`, as an evaluation does it.
 
     Args:
         side: the world.
         first: states of the episodes.
         horizon: control steps of the longest.
+        control_dt: s, duration of a control step.
         tick: told about progress.
         watch: shown every step: its number, the states before and after it, and which episodes go on.
     """
-    state, tally, count = side.begin(first), Tally.start(first), jax.jit(Tally.add)
+    state, tally, count = side.begin(first), Tally.start(first, control_dt), jax.jit(Tally.add)
     for t in range(horizon):
         alive = np.asarray(tally.alive)
         if not alive.any():

@@ -8,10 +8,9 @@ import pytest
 from loco_mjx.config import preset
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
-from loco_mjx.evaluation.episodes import EARLY_STEPS, Evaluator, evaluation_config, means, summarize
+from loco_mjx.evaluation.episodes import EARLY_SECONDS, Evaluator, evaluation_config, means, summarize
 from loco_mjx.networks.policies import Outputs
 from loco_mjx.ppo import normalizer
-from tests.known_robots import A1
 from tests.run.tiny import mesh
 
 HORIZON = 6
@@ -19,6 +18,8 @@ HORIZON = 6
 
 class Staircase:
     """Step t is worth t; `end` is drawn from 2..4 or is beyond the horizon; after it everything is worth 1000."""
+
+    dt = 16 / 3  # s
 
     def reset(self, key):
         end = 2 + jax.random.randint(key, (), 0, 4)
@@ -68,9 +69,8 @@ def test_metrics_are_sums_up_to_the_first_done():
     np.testing.assert_array_equal(figures["survived"], ends > HORIZON)
 
 
-def test_the_first_16_seconds_are_summed_apart(monkeypatch):
-    assert EARLY_STEPS == 400 == 16 / A1.control_dt
-    monkeypatch.setattr("loco_mjx.evaluation.episodes.EARLY_STEPS", 3)
+def test_the_first_16_seconds_are_summed_apart():
+    assert EARLY_SECONDS == 16 == 3 * Staircase.dt
     figures = run(16)
     early = np.minimum(figures["length"], 3)
     assert set(early) == {2.0, 3.0}

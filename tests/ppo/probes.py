@@ -25,6 +25,7 @@ class Probe:
     depth: bool = False
     size: int = 64  # of the depth image
     action_size: int = 1
+    dt: float = 0.04  # s
     start_spread: int = 0  # an episode's first step is drawn from 0..start_spread
 
     @property

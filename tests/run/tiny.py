@@ -26,6 +26,7 @@ class TinyEnv:
     """Action: a push. Observation: place and time. Reward: closeness to the scene's place."""
 
     action_size = 1
+    dt = 0.04
 
     @property
     def observation_size(self) -> dict[str, tuple[int, ...]]:

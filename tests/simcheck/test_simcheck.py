@@ -143,7 +143,7 @@ class Counting:
 def test_figures_are_sums_up_to_the_first_done():
     zero, ticks = np.zeros(3), []
     first = State(None, {}, zero, zero, {"distance": zero}, {"truncation": np.array([0.0, 1.0, 0.0])})
-    found = run(Counting(), first, 10, lambda *tick: ticks.append(tick))
+    found = run(Counting(), first, 10, 0.04, lambda *tick: ticks.append(tick))
     np.testing.assert_array_equal(found["length"], [2, 3, 4])
     np.testing.assert_array_equal(found["distance"], [3, 6, 10])
     np.testing.assert_array_equal(found["return"], [6, 12, 20])
