@@ -12,7 +12,7 @@ if _typing.TYPE_CHECKING:
     from loco_mjx.env.brax import wrap_for_brax
     from loco_mjx.env.reward import register_reward
     from loco_mjx.env.state import State
-    from loco_mjx.networks.policies import register_policy
+    from loco_mjx.networks.registry import register_policy
     from loco_mjx.robots import register_robot
     from loco_mjx.run.machine import set_up
     from loco_mjx.scene.tasks import register_task
@@ -55,7 +55,7 @@ _HOMES = {
     "load_policy": "loco_mjx.api",
     "make_env": "loco_mjx.env",
     "preset": "loco_mjx.config",
-    "register_policy": "loco_mjx.networks.policies",
+    "register_policy": "loco_mjx.networks.registry",
     "register_reward": "loco_mjx.env.reward",
     "register_robot": "loco_mjx.robots",
     "register_task": "loco_mjx.scene.tasks",

@@ -16,7 +16,7 @@ from loco_mjx.config.reward_terms import REWARDS
 from loco_mjx.deploy import folder, trained
 from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
-from loco_mjx.networks.policies import POLICIES
+from loco_mjx.networks.registry import POLICIES
 from loco_mjx.robots import ROBOTS
 from loco_mjx.run import needs
 from loco_mjx.run.directory import load_config

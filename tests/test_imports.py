@@ -13,7 +13,7 @@ from loco_mjx.compare.cells import Plan
 from loco_mjx.config import Config, EnvConfig, RewardConfig, to_dict
 from loco_mjx.config.reward_terms import REWARDS
 from loco_mjx.errors import UserError
-from loco_mjx.networks.policies import POLICIES
+from loco_mjx.networks.registry import POLICIES
 from loco_mjx.run import checkpoint, directory, needs
 from loco_mjx.run.policy import load_policy
 from loco_mjx.run.variant import Variant, default_keys, parse_variant

@@ -10,7 +10,7 @@ from pathlib import Path
 from experiments.faults import values, wrong
 from loco_mjx import policies
 from loco_mjx.cli.main import VERBS
-from loco_mjx.networks.policies import POLICIES
+from loco_mjx.networks.registry import POLICIES
 from loco_mjx.scene.tasks import TASKS
 
 Words = list[str]

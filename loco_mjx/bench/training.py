@@ -31,7 +31,8 @@ def bench_config(task: str, policy: str, num_envs: int | None, robot: str = DEFA
     Raises:
         UserError: if a name is unknown or sizes do not divide.
     """
-    from loco_mjx.networks.policies import POLICIES, make_networks
+    from loco_mjx.networks.policies import make_networks
+    from loco_mjx.networks.registry import POLICIES
 
     base = preset("fast", robot)
     ppo = base.ppo if num_envs is None else dataclasses.replace(base.ppo, num_envs=num_envs)

@@ -71,7 +71,7 @@ def _names(kind: str) -> list[str]:
 
         return list(TASKS)
     if kind == "policies":
-        from loco_mjx.networks.policies import POLICIES
+        from loco_mjx.networks.registry import POLICIES
 
         return list(POLICIES)
     if kind == "robots":

@@ -16,9 +16,9 @@ from loco_mjx.deploy import converted, description, folder, graph, trained
 from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.env.action import joint_scale, per_joint
 from loco_mjx.errors import UserError
-from loco_mjx.networks.policies import DEPTH as DEPTH_KEY
-from loco_mjx.networks.policies import POLICIES
-from loco_mjx.networks.policies import STATE as STATE_KEY
+from loco_mjx.networks.outputs import DEPTH as DEPTH_KEY
+from loco_mjx.networks.outputs import STATE as STATE_KEY
+from loco_mjx.networks.registry import POLICIES
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.robots import ROBOTS, get_robot, is_path
 from loco_mjx.run import provenance

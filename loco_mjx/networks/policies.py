@@ -6,117 +6,26 @@ A new policy is one module under :func:`register_policy`, here or in a module of
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar, overload
 
 import flax.linen as nn
 import jax
 import jax.numpy as jp
-from flax import struct
 
 from loco_mjx import ranges
 from loco_mjx.config import NetworkConfig
-from loco_mjx.networks.encoders import MLP, PROJECTION_INIT, DepthEncoder, Head, VisualTokens
+from loco_mjx.networks.encoders import MLP, PROJECTION_INIT, DepthEncoder, VisualTokens
+from loco_mjx.networks.outputs import (
+    DEPTH,
+    STATE,
+    Observation,
+    Outputs,
+    Params,
+    heads,
+    with_privileged,
+)
+from loco_mjx.networks.registry import POLICIES, register_policy
 from loco_mjx.networks.transformer import Transformer
-from loco_mjx.registry import Registry, caller
-
-Observation = Mapping[str, jax.Array]
-Params = Any
-STATE, DEPTH, PRIVILEGED = "state", "pixels/depth", "privileged"
-LOG_STD_RANGE = (-5.0, 2.0)
-MEAN_SCALE, VALUE_SCALE = 0.01, 1.0  # gains of the last layers' initialisation
-
-
-@struct.dataclass
-class Outputs:
-    """What a policy says about observations with leading axes (...).
-
-    Attributes:
-        mean: (..., actions) mean of the Gaussian, before the tanh.
-        log_std: (..., actions) log standard deviation, the same for every observation.
-        value: (...) estimated return.
-        attention: (..., N·N) the last layer's attention from the state token to the visual tokens (what remains
-            to 1 is its attention to itself), or None for policies without both.
-    """
-
-    mean: jax.Array
-    log_std: jax.Array
-    value: jax.Array
-    attention: jax.Array | None = None
-
-
-class Gaussian(nn.Module):
-    """A policy head: the mean from features, and a free log standard deviation.
-
-    Attributes:
-        hidden: width of the hidden layers.
-        actions: size of the action.
-        initial_std: standard deviation to start from.
-    """
-
-    hidden: tuple[int, ...]
-    actions: int
-    initial_std: float
-
-    @nn.compact
-    def __call__(self, features: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """(..., n) features to mean and log_std, (..., actions) each."""
-        mean = Head(self.hidden, self.actions, MEAN_SCALE, name="mean")(features)
-        start = nn.initializers.constant(math.log(self.initial_std))
-        log_std = jp.clip(self.param("log_std", start, (self.actions,)), *LOG_STD_RANGE)
-        return mean, jp.broadcast_to(log_std, mean.shape)
-
-
-class Critic(nn.Module):
-    """The value by an MLP on `state` and `privileged`: shaped as the value of the policy `privileged`.
-
-    Attributes:
-        config: sizes.
-    """
-
-    config: NetworkConfig
-
-    @nn.compact
-    def __call__(self, obs: Observation) -> jax.Array:
-        """`state` (..., n) and `privileged` (..., m) to the value (...); 0 where there is no `privileged`."""
-        if PRIVILEGED not in obs:
-            return jp.zeros(obs[STATE].shape[:-1])
-        hidden = self.config.state_only_hidden
-        shared = len(hidden) // 2
-        features = MLP(hidden[:shared], name="state_encoder")(_with_privileged(obs))
-        return Head(hidden[shared:], 1, VALUE_SCALE, name="value_head")(features)[..., 0]
-
-
-def _with_privileged(obs: Observation) -> jax.Array:
-    return jp.concatenate([obs[STATE], obs[PRIVILEGED]], axis=-1)
-
-
-def heads(
-    module: Any,
-    hidden: tuple[int, ...],
-    policy: jax.Array,
-    value: Callable[[], jax.Array],
-    obs: Observation,
-    attention: Any = None,
-) -> Outputs:
-    """Heads of policy and value on their features; called inside a compact module, which owns them.
-
-    Args:
-        module: the policy's, with `config` and `actions`.
-        hidden: width of the heads' hidden layers.
-        policy: features of the policy.
-        value: makes those of the value; not called where a privileged critic takes its place.
-        obs: what the critic looks at.
-        attention: for Outputs.
-    """
-    config: NetworkConfig = module.config
-    mean, log_std = Gaussian(hidden, module.actions, config.initial_std, name="policy_head")(policy)
-    if config.critic == "privileged":
-        return Outputs(mean, log_std, Critic(config, name="critic")(obs), attention)
-    estimate = Head(hidden, 1, VALUE_SCALE, name="value_head")(value())[..., 0]
-    return Outputs(mean, log_std, estimate, attention)
 
 
 class LocoTransformer(nn.Module):
@@ -257,84 +166,7 @@ class Privileged(StateOnly):
 
     def inputs(self, obs: Observation) -> jax.Array:
         """`state` and `privileged` side by side, (..., n + m)."""
-        return _with_privileged(obs)
-
-
-@dataclass(frozen=True)
-class Policy:
-    """An entry of POLICIES.
-
-    Attributes:
-        build: module from (NetworkConfig, size of the action).
-        uses_state: whether it reads `state`.
-        uses_depth: whether it reads `pixels/depth`.
-        holds: whether the depth it is given is held for NetworkConfig.hold control steps.
-        uses_privileged: whether it reads `privileged`, and so never leaves the simulator.
-    """
-
-    build: Callable[[NetworkConfig, int], nn.Module]
-    uses_state: bool = True
-    uses_depth: bool = True
-    holds: bool = False
-    uses_privileged: bool = False
-
-
-Build = TypeVar("Build", bound=Callable[[NetworkConfig, int], nn.Module])
-POLICIES: Registry[Policy] = Registry("policy")
-
-
-@overload
-def register_policy(
-    name: str, *, uses_state: bool = True, uses_depth: bool = True, holds: bool = False, uses_privileged: bool = False
-) -> Callable[[Build], Build]: ...
-
-
-@overload
-def register_policy(
-    name: str,
-    build: Build,
-    *,
-    uses_state: bool = True,
-    uses_depth: bool = True,
-    holds: bool = False,
-    uses_privileged: bool = False,
-) -> Build: ...
-
-
-def register_policy(
-    name: str,
-    build: Any = None,
-    *,
-    uses_state: bool = True,
-    uses_depth: bool = True,
-    holds: bool = False,
-    uses_privileged: bool = False,
-) -> Any:
-    """Adds a policy: as a decorator of its module's class, or called with what makes the module.
-
-    ``@register_policy("mine", uses_depth=False)`` above ``class Mine(nn.Module)`` with the attributes ``config`` and
-    ``actions``, whose ``__call__`` takes observations with any leading axes and returns :class:`Outputs`;
-    :func:`heads` makes them from features. Parameters that only the value depends on have names that begin with
-    ``value_``: optimisers and exports tell them by it.
-
-    Args:
-        name: of letters, digits, `.`, `_` and `-`.
-        build: module from (NetworkConfig, size of the action).
-        uses_state: see :class:`Policy`, as for the others.
-        uses_depth: without it nothing is rendered.
-        holds: whether depth is held for `network.hold` control steps.
-        uses_privileged: whether it reads what only a simulator knows.
-
-    Raises:
-        UserError: if the name is taken or no name.
-    """
-    origin = caller()
-
-    def register(build: Any) -> Any:
-        POLICIES.register(name, Policy(build, uses_state, uses_depth, holds, uses_privileged), origin)
-        return build
-
-    return register if build is None else register(build)
+        return with_privileged(obs)
 
 
 register_policy("loco-transformer", LocoTransformer)

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jp
 
-from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Outputs, Params
+from loco_mjx.networks.outputs import DEPTH, PRIVILEGED, STATE, Outputs, Params
+from loco_mjx.networks.policies import Networks
 from loco_mjx.ppo import distribution, frame_stack
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.normalizer import Normalizer

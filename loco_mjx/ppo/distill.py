@@ -21,7 +21,8 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx.config import Config
 from loco_mjx.env import autoreset
-from loco_mjx.networks.policies import PRIVILEGED, STATE, Params, make_networks
+from loco_mjx.networks.outputs import PRIVILEGED, STATE, Params
+from loco_mjx.networks.policies import make_networks
 from loco_mjx.ppo import loss as loss_lib
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo import update as update_lib

@@ -10,7 +10,7 @@ import jax.numpy as jp
 from flax import struct
 
 from loco_mjx.config import PPOConfig
-from loco_mjx.networks.policies import Outputs
+from loco_mjx.networks.outputs import Outputs
 from loco_mjx.ppo import distribution
 
 

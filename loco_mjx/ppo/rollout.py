@@ -11,7 +11,8 @@ from flax import struct
 
 from loco_mjx.env import autoreset
 from loco_mjx.env.state import State
-from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Params
+from loco_mjx.networks.outputs import DEPTH, PRIVILEGED, STATE, Params
+from loco_mjx.networks.policies import Networks
 from loco_mjx.ppo import distribution, frame_stack
 from loco_mjx.ppo.actor import Actor, Held, finite
 from loco_mjx.ppo.normalizer import Normalizer

@@ -19,7 +19,8 @@ from loco_mjx.config import Config
 from loco_mjx.env import autoreset
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
-from loco_mjx.networks.policies import DEPTH, PRIVILEGED, Params, make_networks
+from loco_mjx.networks.outputs import DEPTH, PRIVILEGED, Params
+from loco_mjx.networks.policies import make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo import rollout as collect_lib
 from loco_mjx.ppo import update as update_lib

@@ -12,7 +12,8 @@ import optax
 from flax import struct
 
 from loco_mjx.config import PPOConfig
-from loco_mjx.networks.policies import DEPTH, PRIVILEGED, STATE, Networks, Outputs, Params
+from loco_mjx.networks.outputs import DEPTH, PRIVILEGED, STATE, Outputs, Params
+from loco_mjx.networks.policies import Networks
 from loco_mjx.ppo import frame_stack, gae
 from loco_mjx.ppo import loss as loss_lib
 from loco_mjx.ppo import normalizer as normalizer_lib

@@ -9,7 +9,7 @@ from typing import Any
 from loco_mjx.config import Config
 from loco_mjx.config.reward_terms import REWARDS
 from loco_mjx.errors import UserError
-from loco_mjx.networks.policies import POLICIES
+from loco_mjx.networks.registry import POLICIES
 from loco_mjx.registry import INTERACTIVE, Registry
 from loco_mjx.robots import ROBOTS, is_path
 from loco_mjx.scene.tasks import TASKS

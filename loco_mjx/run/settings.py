@@ -20,7 +20,7 @@ def complete(config: Config) -> Config:
     Raises:
         UnknownNameError: if there is no policy of that name.
     """
-    from loco_mjx.networks.policies import POLICIES
+    from loco_mjx.networks.registry import POLICIES
 
     if config.policy not in POLICIES:
         raise UnknownNameError("policy", config.policy, POLICIES)

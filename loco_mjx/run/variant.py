@@ -77,7 +77,7 @@ def parse_variant(text: str) -> Variant:
     Raises:
         UserError: if the policy or a key is unknown, or there is no value.
     """
-    from loco_mjx.networks.policies import POLICIES
+    from loco_mjx.networks.registry import POLICIES
 
     policy, *changes = text.split("+")
     if policy not in POLICIES:

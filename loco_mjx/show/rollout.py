@@ -14,7 +14,7 @@ from loco_mjx.depth.encoding import decode
 from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import evaluation_config, keys_of
-from loco_mjx.networks.policies import DEPTH
+from loco_mjx.networks.outputs import DEPTH
 from loco_mjx.ppo.actor import Held
 from loco_mjx.robots import DEFAULT
 from loco_mjx.run.policy import TrainedPolicy, observation_shapes

@@ -4,7 +4,7 @@ from loco_mjx.cli.comma_lists import parse_names, parse_seeds
 from loco_mjx.compare.paper import TABLES
 from loco_mjx.config import Config, flatten, preset, to_dict
 from loco_mjx.errors import UserError
-from loco_mjx.networks.policies import POLICIES
+from loco_mjx.networks.registry import POLICIES
 from loco_mjx.run.variant import Variant, parse_change, parse_variant
 from loco_mjx.scene.tasks import TASKS
 

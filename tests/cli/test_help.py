@@ -9,7 +9,7 @@ import pytest
 
 from loco_mjx.cli.main import main
 from loco_mjx.config import PRESETS, Config, flatten, to_dict
-from loco_mjx.networks.policies import POLICIES
+from loco_mjx.networks.registry import POLICIES
 from loco_mjx.scene.tasks import TASKS
 
 

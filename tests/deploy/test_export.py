@@ -12,7 +12,8 @@ from loco_mjx.config import NetworkConfig
 from loco_mjx.deploy import converted, export, folder
 from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
-from loco_mjx.networks.policies import POLICIES, heads, register_policy
+from loco_mjx.networks.outputs import heads
+from loco_mjx.networks.registry import POLICIES, register_policy
 from tests.deploy import made
 from tests.known_robots import A1
 

@@ -9,7 +9,7 @@ from loco_mjx.config import preset
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import EARLY_SECONDS, Evaluator, evaluation_config, means, summarize
-from loco_mjx.networks.policies import Outputs
+from loco_mjx.networks.outputs import Outputs
 from loco_mjx.ppo import normalizer
 from tests.run.tiny import mesh
 

@@ -11,7 +11,9 @@ import pytest
 
 from loco_mjx.config import NetworkConfig
 from loco_mjx.errors import UnknownNameError, UserError
-from loco_mjx.networks.policies import DEPTH, POLICIES, PRIVILEGED, STATE, make_networks
+from loco_mjx.networks.outputs import DEPTH, PRIVILEGED, STATE
+from loco_mjx.networks.policies import make_networks
+from loco_mjx.networks.registry import POLICIES
 
 SMALL = NetworkConfig(token_dim=16, mlp_dim=32, layers=1, hidden=(32, 24), state_only_hidden=(32, 32, 24, 24))
 

@@ -10,7 +10,7 @@ import jax.numpy as jp
 
 from loco_mjx.config import Config, NetworkConfig, PPOConfig
 from loco_mjx.env.state import State
-from loco_mjx.networks.policies import DEPTH
+from loco_mjx.networks.outputs import DEPTH
 
 
 @dataclass(frozen=True)

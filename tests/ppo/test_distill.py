@@ -13,7 +13,8 @@ import pytest
 from loco_mjx import config as config_lib
 from loco_mjx.config import Config, DistillConfig
 from loco_mjx.errors import UserError
-from loco_mjx.networks.policies import PRIVILEGED, STATE, make_networks
+from loco_mjx.networks.outputs import PRIVILEGED, STATE
+from loco_mjx.networks.policies import make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.distill import DistillTrainer, Teacher
 from loco_mjx.ppo.trainer import Trainer

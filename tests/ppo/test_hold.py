@@ -9,7 +9,8 @@ import pytest
 
 from loco_mjx.config import PPOConfig
 from loco_mjx.env import autoreset
-from loco_mjx.networks.policies import DEPTH, Networks
+from loco_mjx.networks.outputs import DEPTH
+from loco_mjx.networks.policies import Networks
 from loco_mjx.ppo import distribution
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.actor import held_since, policy_input

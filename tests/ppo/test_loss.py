@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import PPOConfig
-from loco_mjx.networks.policies import Outputs
+from loco_mjx.networks.outputs import Outputs
 from loco_mjx.ppo import distribution
 from loco_mjx.ppo.loss import Minibatch, loss, masked_mean, normalized_advantage
 

@@ -12,7 +12,8 @@ import pytest
 
 from loco_mjx.config import PPOConfig
 from loco_mjx.env import autoreset
-from loco_mjx.networks.policies import DEPTH, STATE, Networks, Outputs
+from loco_mjx.networks.outputs import DEPTH, STATE, Outputs
+from loco_mjx.networks.policies import Networks
 from loco_mjx.ppo import distribution, frame_stack
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.actor import policy_input

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import PPOConfig
-from loco_mjx.networks.policies import STATE, Networks, Outputs
+from loco_mjx.networks.outputs import STATE, Outputs
+from loco_mjx.networks.policies import Networks
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo import update as lib
 from loco_mjx.ppo.rollout import Rollout
