@@ -1,5 +1,6 @@
 """The examples do what they say, at tiny sizes; what they register works with the commands."""
 
+import functools
 import importlib.util
 import json
 import sys
@@ -18,7 +19,7 @@ from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
 from loco_mjx.networks.registry import POLICIES
 from loco_mjx.robots import ROBOTS
-from loco_mjx.run import needs
+from loco_mjx.run import needs, start
 from loco_mjx.run.directory import load_config
 from loco_mjx.run.logger import read_rows
 from loco_mjx.scene.tasks import TASKS
@@ -48,8 +49,17 @@ def forget():
             registry.unregister(name)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def trainers():
+    """Runs of one configuration share their trainer, and so its compiled programs."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(start, "build", functools.cache(start.build))
+    yield
+    patch.undo()
+
+
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(tmp_path_factory, trainers):
     """A run of the example's task, with its policy and its terms of the reward, by the command."""
     path = tmp_path_factory.mktemp("own") / "run"
     words = ["--task", "slalom", "--policy", "gated", "--num-envs", "4", "--total-steps", "32", "--evaluations", "0"]
