@@ -55,9 +55,9 @@ lint: $(STAMP)  ## Style, types, and which room imports which.
 	$(BIN)/lint-imports --no-cache
 
 bench: $(STAMP)  ## Measures depth, physics, environment and training speed on ENV.
-	$(BIN)/loco-mjx bench depth --task $(ENV) $(ARGS)
-	$(BIN)/loco-mjx bench physics --task $(ENV) $(ARGS)
-	$(BIN)/loco-mjx bench env --task $(ENV) $(ARGS)
+	$(BIN)/loco-mjx bench depth --task $(ENV) --robot $(ROBOT) $(ARGS)
+	$(BIN)/loco-mjx bench physics --task $(ENV) --robot $(ROBOT) $(ARGS)
+	$(BIN)/loco-mjx bench env --task $(ENV) --robot $(ROBOT) $(ARGS)
 	$(BIN)/loco-mjx bench train --task $(ENV) --robot $(ROBOT) --policy $(POLICY) $(ARGS)
 
 versions: $(STAMP)  ## Tries the oldest and the newest versions of Python and JAX, and writes docs/versions.md; takes an hour.

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from loco_mjx.cli import words
 from loco_mjx.cli.output import Show, one_object
 from loco_mjx.cli.parse import parse
 from loco_mjx.config.tree import NumEnvs, TotalSteps
@@ -18,6 +19,18 @@ from loco_mjx.robots import DEFAULT
 
 PROG = "loco-mjx bench"
 NUM_ENVS = 256
+SCENES = ("depth", "physics", "env", "train")
+# The parts that look at an option; the others would ignore it. `learn` compares with the paper's A1.
+READ = {
+    "--task": (*SCENES, "learn"),
+    "--robot": (*SCENES, "mpc"),
+    "--seconds": (*SCENES, "mpc"),
+    "--seeds": ("train",),
+    "--method": ("learn",),
+    "--seed": ("learn",),
+    "--total-steps": ("learn",),
+    "--out": ("learn",),
+}
 EVALUATED = ("--evaluations", "12", "--evaluation-episodes", "64")  # of `learn`: often, and in many scenes
 
 
@@ -63,8 +76,7 @@ def main(args: Sequence[str]) -> int:
         UserError: if a name is unknown or sizes do not divide.
     """
     options = parse(Options, args, PROG, names=("tasks", "robots", "policies"))
-    if options.seeds is not None and options.part != "train":
-        raise UserError(f"seeds are for bench train, not for bench {options.part}")
+    check(options, args)
     with one_object(options.json) as show:
         if options.part == "learn":
             return learn(options, show)
@@ -80,6 +92,18 @@ def main(args: Sequence[str]) -> int:
     return 0
 
 
+def check(options: Options, args: Sequence[str]) -> None:
+    """Refuses options that the part would not look at.
+
+    Raises:
+        UserError: naming the first.
+    """
+    for name, _ in words.given(args):
+        parts = READ.get(name)
+        if parts is not None and options.part not in parts:
+            raise UserError(f"{name} is for bench {' and '.join(parts)}, not for bench {options.part}")
+
+
 def learn(options: Options, show: Show) -> int:
     """Trains a policy, or goes on training, and shows when it reached the paper's figures."""
     from loco_mjx.cli import train
@@ -90,12 +114,12 @@ def learn(options: Options, show: Show) -> int:
     name = f"{options.method}-seed{options.seed}"
     out = options.out or Path("runs", "learn", options.task, options.policy, name)
     others = [milestone.evaluated_on for milestone in wanted if milestone.evaluated_on != options.task]
-    words = ["--task", options.task, "--policy", options.policy, "--method", options.method]
-    words += ["--seed", str(options.seed), "--out", str(out), *EVALUATED]
-    words += ["--eval-tasks", ",".join(others)] if others else []
-    words += ["--total-steps", str(options.total_steps)] if options.total_steps is not None else []
-    words += ["--num-envs", str(options.num_envs)] if options.num_envs is not None else []
-    code = train.main(words)
+    command = ["--task", options.task, "--policy", options.policy, "--method", options.method]
+    command += ["--seed", str(options.seed), "--out", str(out), *EVALUATED]
+    command += ["--eval-tasks", ",".join(others)] if others else []
+    command += ["--total-steps", str(options.total_steps)] if options.total_steps is not None else []
+    command += ["--num-envs", str(options.num_envs)] if options.num_envs is not None else []
+    code = train.main(command)
     if code == 0:
         result = {"bench": "learn", "task": options.task, "policy": options.policy, "method": options.method}
         result |= {"seed": options.seed} | times(out, wanted)
@@ -130,7 +154,8 @@ def learnt(result: dict[str, Any]) -> Any:
 def measure(options: Options) -> dict[str, Any]:
     """The figures of one part."""
     num_envs = options.num_envs or NUM_ENVS
-    what = {"bench": options.part, "task": options.task, "robot": options.robot, "num_envs": num_envs}
+    where = {} if options.part == "mpc" else {"task": options.task}
+    what = {"bench": options.part} | where | {"robot": options.robot, "num_envs": num_envs}
     if options.part == "depth":
         from loco_mjx.bench.depth import bench_depth
 
@@ -156,7 +181,11 @@ def table(result: dict[str, Any]) -> Any:
     """The figures as people read them."""
     from rich.table import Table
 
-    table = Table(title=f"{result['bench']} on {result['task']}", title_justify="left", show_header=False)
+    table = Table(
+        title=" on ".join(result[key] for key in ("bench", "task") if key in result),
+        title_justify="left",
+        show_header=False,
+    )
     for name, value in result.items():
         if isinstance(value, dict):
             value = ", ".join(f"{key} {_short(part)}" for key, part in value.items())

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from loco_mjx.show.walking import Walking
 
 PROG = "loco-mjx play"
-RATES = (25.0, 12.5, 5.0)  # frames per second that are whole numbers of control steps
+RATES = (25.0, 12.5, 5.0)  # frames per second that are whole numbers of control steps at 25 Hz
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def _film(options: Options, agent: Agent) -> None:
 
     config = agent.env_config(options.task)
     rollout = _walking(options, agent, config) if options.controller else Rollout(agent, config)
-    every = round(RATES[0] / options.fps)
+    every = max(1, round(1 / (rollout.env.dt * options.fps)))
     done = record(
         rollout,
         options.seed,

@@ -7,7 +7,6 @@ what it calls is traced when it is lowered.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -25,18 +24,24 @@ def together(many: Callable[..., Any], result: Any = None) -> Callable[..., Any]
     Args:
         many: may not close over what JAX traces.
         result: its result for one environment, as a pytree of `jax.ShapeDtypeStruct`; None: it is traced to find out.
+
+    Returns:
+        The function; where it is compiled, it raises TypeError if `many` returns something other than `result` says.
     """
 
     def call(*args: Any) -> Any:
         leaves, tree = jax.tree.flatten(args)
         first = [jp.asarray(leaf)[None] for leaf in leaves]
-        run = functools.partial(_run, many, tree)
-        if result is None:
-            whole = jax.eval_shape(many, *jax.tree.unflatten(tree, first))
-            described = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), whole)
-        else:
-            described = result
+        described = _of_one(jax.eval_shape(many, *jax.tree.unflatten(tree, first))) if result is None else result
         shapes, out_tree = jax.tree.flatten(described)
+
+        def run(*leaves: jax.Array) -> list[jax.Array]:
+            with jax.default_matmul_precision("highest"):
+                found = many(*jax.tree.unflatten(tree, leaves))
+            if _of_one(found) != described:
+                raise TypeError(f"one environment's result is {_of_one(found)}, declared is {described}")
+            return jax.tree.leaves(found)
+
         known = tuple((leaf.shape, leaf.dtype) for leaf in shapes)
         found = _together.bind(*first, run=run, known=known)
         return jax.tree.unflatten(out_tree, [leaf[0] for leaf in found])
@@ -44,9 +49,9 @@ def together(many: Callable[..., Any], result: Any = None) -> Callable[..., Any]
     return call
 
 
-def _run(many: Callable[..., Any], tree: Any, *leaves: jax.Array) -> list[jax.Array]:
-    with jax.default_matmul_precision("highest"):
-        return jax.tree.leaves(many(*jax.tree.unflatten(tree, leaves)))
+def _of_one(batch: Any) -> Any:
+    """The shapes of one environment, of those of a batch."""
+    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), batch)
 
 
 _together = Primitive("together")

@@ -26,7 +26,9 @@ from loco_mjx.physics.step import (
     described,
     last,
     physics_step,
+    substep_trace,
     trace_shapes,
+    traced,
 )
 from loco_mjx.physics.xla import FusionBarrier
 from loco_mjx.scene.types import Scene
@@ -93,7 +95,7 @@ def _run(
     def step(carry: tuple[PhysicsState, jax.Array], i: jax.Array, motors: Motors) -> tuple[Any, tuple[jax.Array, ...]]:
         new, squared, touched = physics_step(model, FusionBarrier(i >= 0), candidates, motors, how, carry[0])
         on = jp.any(jp.stack([plane.distance < 0.0 for plane in touched.feet]), axis=0)
-        return (new, on), (squared, touched.hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
+        return (new, on), (squared, touched.hit, *traced(new))
 
     def tick(carry: Any, i: jax.Array) -> tuple[Any, Any]:
         state, contacts, memory = carry
@@ -105,11 +107,8 @@ def _run(
 
     carry = (state, contacts, driven.memory)
     (new, contacts, memory), (trace, facts) = jax.lax.scan(tick, carry, jp.arange(ticks))
-    squared, hit, *after = jax.tree.map(lambda x: x.reshape(ticks * substeps, *x.shape[2:]), trace)
-    before = (state.qpos[7:], state.qpos[3:7], state.qvel[3:6])
-    traces = [jp.concatenate([b[None], a]) for b, a in zip(before, after, strict=True)]
-    outcome = SubstepTrace(jp.mean(squared, axis=0), jp.any(hit, axis=0), candidates.dropped, *traces)
-    turned = first((new, contacts, outcome))
+    happened = jax.tree.map(lambda x: x.reshape(ticks * substeps, *x.shape[2:]), trace)
+    turned = first((new, contacts, substep_trace(state, happened, candidates.dropped)))
     facts = jax.tree.map(lambda x: jp.moveaxis(x, 1, 0), facts)
     return Driven(turned[0], turned[1], memory), turned[2], facts
 

@@ -191,13 +191,23 @@ def _control_steps(
 
     def body(state: PhysicsState, i: jax.Array) -> tuple[PhysicsState, tuple[jax.Array, ...]]:
         new, squared, contacts = physics_step(model, FusionBarrier(i >= 0), candidates, motors, dynamics, state)
-        return new, (squared, contacts.hit, new.qpos[7:], new.qpos[3:7], new.qvel[3:6])
+        return new, (squared, contacts.hit, *traced(new))
 
-    new, (squared, hit, *after) = jax.lax.scan(body, state, jp.arange(model.robot.substeps))
-    before = (state.qpos[7:], state.qpos[3:7], state.qvel[3:6])
-    trace = [jp.concatenate([b[None], a]) for b, a in zip(before, after, strict=True)]
-    out = (new, SubstepTrace(jp.mean(squared, axis=0), jp.any(hit, axis=0), candidates.dropped, *trace))
+    new, happened = jax.lax.scan(body, state, jp.arange(model.robot.substeps))
+    out = (new, substep_trace(state, happened, candidates.dropped))
     return jax.tree.map(lambda x: jp.moveaxis(x, -1, 0), out)
+
+
+def traced(state: PhysicsState) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """What a :class:`SubstepTrace` shows of a state: joint angles, orientation, angular velocity."""
+    return state.qpos[7:], state.qpos[3:7], state.qvel[3:6]
+
+
+def substep_trace(first: PhysicsState, happened: tuple[jax.Array, ...], dropped: jax.Array) -> SubstepTrace:
+    """What happened in physics steps: squared torque, hit and what :func:`traced` says of each, after ``first``."""
+    squared, hit, *after = happened
+    trace = [jp.concatenate([before[None], later]) for before, later in zip(traced(first), after, strict=True)]
+    return SubstepTrace(jp.mean(squared, axis=0), jp.any(hit, axis=0), dropped, *trace)
 
 
 def control_step(

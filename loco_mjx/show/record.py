@@ -44,7 +44,7 @@ def record(
         rollout: agent and environment.
         seed: of the scene.
         seconds: how long, of simulated time.
-        film: file for the video, .mp4 or .gif, with seconds × 25 / every frames.
+        film: file for the video, .mp4 or .gif, with a frame for every so many control steps.
         figure: file for a strip of `columns` moments, .png or .svg.
         attention: draw it over the depth image.
         width: of the view, pixels; it is 16:9.

@@ -73,3 +73,17 @@ def test_bench_learn_trains_and_prints_one_object(tmp_path, monkeypatch, capsys)
     result = json.loads(capsys.readouterr().out)
     assert result["samples"] == 64 and result["milestones"][0]["reached"] is False
     assert main(["bench", "learn", "--task", "hill"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["learn", "--robot", "go2"], "--robot is for bench depth and physics and env and train and mpc, not for"),
+        (["mpc", "--task", "wide"], "--task is for"),
+        (["depth", "--out=x"], "--out is for bench learn, not for bench depth"),
+        (["env", "--seeds", "2"], "--seeds is for bench train, not for bench env"),
+    ],
+)
+def test_an_option_that_a_part_does_not_look_at_is_refused(words, said, capsys):
+    assert main(["bench", *words]) == 2
+    assert said in capsys.readouterr().err
