@@ -25,6 +25,11 @@ def axes(quat: Any, xp: ModuleType = np) -> tuple[Axis, Axis, Axis]:
     )
 
 
+def matrix(quat: Any, xp: ModuleType = np) -> Any:
+    """(3, 3, ...) from the body's frame into the world's, of a quaternion (4, ...): its columns are the axes."""
+    return xp.stack([xp.stack(axis) for axis in axes(quat, xp)], axis=1)
+
+
 def upright(quat: Any) -> Any:
     """The z of the body's up axis, of a unit quaternion: 1 upright, 0 on its side."""
     _, x, y, _ = quat

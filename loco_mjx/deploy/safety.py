@@ -21,7 +21,7 @@ from loco_mjx.deploy.plausible import Stuck, Unchanged, impossible, malformed, u
 from loco_mjx.deploy.robot import Frame, Sensors
 from loco_mjx.ranges import Range, check
 from loco_mjx.robots import NJOINT
-from loco_mjx.whole_body.controller import Command
+from loco_mjx.robots.motor import MotorCommand
 
 Seconds = Annotated[float, Range(0, 5, above=True)]
 AHEAD = 0.005  # s by which a measurement's clock may be ahead
@@ -237,7 +237,7 @@ class Guard:
         self.clamped += int(np.any(safe != targets))
         return safe
 
-    def motors(self, command: Command, sensors: Sensors) -> Command:
+    def motors(self, command: MotorCommand, sensors: Sensors) -> MotorCommand:
         """A command such that its law asks for no more than the torque limit, its angles within the joints' limits.
 
         Raises Stop for a joint that asks for too much for too long.

@@ -15,9 +15,10 @@ from loco_mjx.deploy.safety import Cause, EmergencyStop, Limits, Stop
 from loco_mjx.deploy.worker import Overdue
 from loco_mjx.errors import UserError
 from loco_mjx.robots import Robot, joint_names
+from loco_mjx.robots.motor import MotorCommand
 from loco_mjx.whole_body import controller, library, odometry
 from loco_mjx.whole_body.config import TICK, WholeBodyConfig
-from loco_mjx.whole_body.controller import Command, Facts, Measured, State
+from loco_mjx.whole_body.controller import Facts, Measured, State
 from loco_mjx.whole_body.legs import body_of
 
 STAND_STILL = 0.4  # s, to get from the gait to the standing pose, and to stay there
@@ -110,7 +111,7 @@ class Walker(Runner):
                 break
         self._move(self.manifest.default_pose, STAND_STILL, STAND_STILL)
 
-    def _walk(self, state: State, wanted: np.ndarray) -> tuple[Command, State]:
+    def _walk(self, state: State, wanted: np.ndarray) -> tuple[MotorCommand, State]:
         """Measures and decides."""
         begin = self._clock()
         sensors = self._measure()
@@ -132,7 +133,7 @@ class Walker(Runner):
             raise Stop(Cause.SOLVER, f"{int(state.failed)} in a row")
         return command, state
 
-    def _decided(self, state: State, sensors: Sensors, wanted: np.ndarray) -> tuple[Command, State, Facts, float]:
+    def _decided(self, state: State, sensors: Sensors, wanted: np.ndarray) -> tuple[MotorCommand, State, Facts, float]:
         """Command, the controller's next state, facts, and the time they took, s; runs in the worker's thread."""
         begin, feet = self._clock(), np.asarray(sensors.feet, bool)
         self._velocity = odometry.velocity(
@@ -143,7 +144,9 @@ class Walker(Runner):
         self._stands = facts.pushes & feet
         return command, state, facts, self._clock() - begin
 
-    def _remember(self, sensors: Sensors, wanted: np.ndarray, command: Command, facts: Facts, latency: float) -> None:
+    def _remember(
+        self, sensors: Sensors, wanted: np.ndarray, command: MotorCommand, facts: Facts, latency: float
+    ) -> None:
         row = {"time": sensors.time, "latency": latency, "wanted": wanted, "up": up(sensors.quat)}
         row |= {"angles": sensors.angles, "velocities": sensors.velocities, "quat": sensors.quat, "gyro": sensors.gyro}
         row |= {"targets": command.angles, "torque": command.torque, "pushes": facts.pushes, "feet": sensors.feet}
@@ -154,7 +157,7 @@ class Walker(Runner):
         if "position" in row:
             self.record.distance = float(np.linalg.norm(row["position"] - self.record.rows[0]["position"]))
 
-    def _drive(self, command: Command, until: float) -> None:
+    def _drive(self, command: MotorCommand, until: float) -> None:
         """The same command, clamped anew each time, until the next tick."""
         for _ in range(STILL * self.manifest.pd_hz // self.manifest.policy_hz):
             sensors = self._measure()

@@ -17,11 +17,6 @@ from loco_mjx.config import DepthConfig
 from loco_mjx.robots.robot import Vector3
 
 
-def rotation_matrix(quat: jax.Array) -> jax.Array:
-    """(3, 3) matrix that turns body vectors into world vectors, of a quaternion (4,) of any non-zero length."""
-    return jp.array([list(row) for row in zip(*rotations.axes(quat, jp), strict=True)])
-
-
 def pose(qpos: jax.Array, mount: Vector3) -> tuple[jax.Array, jax.Array]:
     """Where the camera is, from the free base's pose alone.
 
@@ -32,7 +27,7 @@ def pose(qpos: jax.Array, mount: Vector3) -> tuple[jax.Array, jax.Array]:
     Returns:
         origin (3,) in the world, m, and rotation (3, 3) whose columns are forward, left, up in the world.
     """
-    rotation = rotation_matrix(qpos[3:7])
+    rotation = rotations.matrix(qpos[3:7], jp)
     origin = qpos[:3] + mount[0] * rotation[:, 0]
     for axis in (1, 2):
         origin = origin + mount[axis] * rotation[:, axis] if mount[axis] else origin

@@ -7,7 +7,7 @@ command is what Unitree's motors take: joint angles, velocities and gains, and a
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jp
@@ -31,17 +31,8 @@ from loco_mjx.physics.step import (
     traced,
 )
 from loco_mjx.physics.xla import FusionBarrier
+from loco_mjx.robots.motor import MotorCommand
 from loco_mjx.scene.types import Scene
-
-
-class MotorCommand(NamedTuple):
-    """What the motors are told: torque + kp (angles − q) + kd (velocities − q̇), each (12,), SI."""
-
-    angles: jax.Array
-    velocities: jax.Array
-    kp: jax.Array
-    kd: jax.Array
-    torque: jax.Array
 
 
 @struct.dataclass

@@ -1,12 +1,22 @@
-"""The law of the motors: a PD controller in each joint, clipped to what the motor can."""
+"""What the motors are told, and their law: a PD controller in each joint, clipped to what the motor can."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     import jax
     import numpy as np
+
+
+class MotorCommand(NamedTuple):
+    """What motors like Unitree's are told: torque + kp (angles − q) + kd (velocities − q̇), each (12,), SI."""
+
+    angles: Any
+    velocities: Any
+    kp: Any
+    kd: Any
+    torque: Any
 
 
 def motor_torque(

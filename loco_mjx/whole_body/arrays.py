@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from loco_mjx import rotations
+
 Array = Any  # numpy.ndarray or jax.Array, and all of a function's arguments the same of the two
 
 
@@ -23,15 +25,7 @@ def space(array: Array) -> Any:
 
 def rotation(quat: Array) -> Array:
     """(3, 3) rotation matrix of a quaternion (4,) (w, x, y, z), which need not have unit length."""
-    xp = space(quat)
-    w, x, y, z = quat / xp.sqrt(xp.sum(quat * quat))
-    return xp.stack(
-        [
-            xp.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]),
-            xp.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]),
-            xp.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]),
-        ]
-    )
+    return rotations.matrix(quat, space(quat))
 
 
 def level(turned: Array) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from loco_mjx.robots.motor import MotorCommand
 from loco_mjx.whole_body import gait, legs, mpc, swing
 from loco_mjx.whole_body.arrays import Array, level, rotation, space
 from loco_mjx.whole_body.config import SPEED_LIMIT, TICK, YAW_RATE_LIMIT, WholeBodyConfig
@@ -68,16 +69,6 @@ class State(NamedTuple):
     failed: Array
 
 
-class Command(NamedTuple):
-    """What the motors are told: torque + kp (angles − q) + kd (velocities − q̇), each (12,), SI."""
-
-    angles: Array
-    velocities: Array
-    kp: Array
-    kd: Array
-    torque: Array
-
-
 class Facts(NamedTuple):
     """What happened in a tick.
 
@@ -132,7 +123,7 @@ def clip(command: Array) -> Array:
 
 def tick(
     config: WholeBodyConfig, body: Body, solve: Solver, state: State, command: Array, measured: Measured
-) -> tuple[Command, State, Facts]:
+) -> tuple[MotorCommand, State, Facts]:
     """One tick.
 
     Args:
@@ -203,7 +194,7 @@ def _motors(
     lifted: Array,
     forces: Array,
     command: Array,
-) -> Command:
+) -> MotorCommand:
     """Torques τ = −Jᵀ f where legs push, joint angles where they swing."""
     xp, kind = space(forces), forces.dtype
     jacobian = legs.jacobians(body, measured.angles)
@@ -212,7 +203,7 @@ def _motors(
     angles = legs.angles_for(body, swing.way(config, lifted, goals, now.part))
     pushing = xp.repeat(pushes, 3)
     gains = np.full(12, config.swing.kp, kind), np.tile(np.array(config.swing.kd, kind), 4)
-    return Command(
+    return MotorCommand(
         angles=xp.where(pushing, measured.angles, angles).astype(kind),
         velocities=xp.zeros(12, kind),
         kp=xp.where(pushing, 0.0, gains[0]).astype(kind),

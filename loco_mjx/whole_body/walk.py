@@ -7,8 +7,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jp
 
-from loco_mjx.physics.driven import Controller, Driven, MotorCommand, begin
+from loco_mjx.physics.driven import Controller, Driven, begin
 from loco_mjx.physics.step import PhysicsState
+from loco_mjx.robots.motor import MotorCommand
 from loco_mjx.whole_body import controller, solver
 from loco_mjx.whole_body.arrays import rotation
 from loco_mjx.whole_body.config import WholeBodyConfig
@@ -52,6 +53,6 @@ def make_controller(config: WholeBodyConfig, body: Body) -> Controller:
         told, state, facts = controller.tick(
             config, body, solve, memory.state, memory.command, measure(physics, contacts)
         )
-        return MotorCommand(*told), memory._replace(state=state), facts
+        return told, memory._replace(state=state), facts
 
     return tick

@@ -5,8 +5,9 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx.physics.driven import MotorCommand, begin, driven_steps
+from loco_mjx.physics.driven import begin, driven_steps
 from loco_mjx.physics.step import initial_state
+from loco_mjx.robots.motor import MotorCommand
 from tests.known_robots import A1
 from tests.physics import world
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from loco_mjx.robots import LEGS, Robot
+from loco_mjx.robots.motor import MotorCommand
 from loco_mjx.whole_body import controller, library, odometry
 from loco_mjx.whole_body.arrays import rotation
 from loco_mjx.whole_body.config import TICK, WholeBodyConfig
@@ -30,7 +31,7 @@ class Seen(NamedTuple):
     state: controller.State
     command: np.ndarray
     measured: controller.Measured
-    told: controller.Command
+    told: MotorCommand
     after: controller.State
     facts: controller.Facts
 
