@@ -206,7 +206,8 @@ def test_leaving_out_what_is_not_in_view_changes_no_pixel(monkeypatch: pytest.Mo
         monkeypatch.setattr(primitives, f"{kind}_in_view", lambda planes, shapes, center: jp.ones(len(center), bool))
     all_tested = jax.jit(jax.vmap(lambda pose: render(scene, pose, A1.camera, CONFIG)))(poses)
     assert float(jp.mean(images < CONFIG.far)) > 0.2
-    np.testing.assert_array_equal(images, all_tested)
+    # two programs: on some processors XLA joins multiplications and additions differently in them
+    np.testing.assert_allclose(images, all_tested, atol=1e-4)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
