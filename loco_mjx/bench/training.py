@@ -36,7 +36,7 @@ def bench_config(task: str, policy: str, num_envs: int | None, robot: str = DEFA
 
     base = preset("fast", robot)
     ppo = base.ppo if num_envs is None else dataclasses.replace(base.ppo, num_envs=num_envs)
-    make_networks(policy, base.network, base.env.action.size)  # refuses unknown names
+    make_networks(policy, base.network, base.env.action_size)  # refuses unknown names
     depth = dataclasses.replace(base.env.observation.depth, enabled=POLICIES[policy].uses_depth)
     observation = dataclasses.replace(base.env.observation, depth=depth)
     env = dataclasses.replace(base.env, task=task, observation=observation)

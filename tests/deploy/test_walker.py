@@ -75,12 +75,7 @@ def test_failures_in_a_row_end_in_a_damped_sit_down():
 
 def test_torques_are_kept_within_the_motors_limits():
     run = walker()
-    told, sensors = (
-        run._decided(
-            controller.begin(run._config, run._body, np.array(A1.default_pose)), run.robot.read(), np.zeros(2)
-        )[0],
-        run.robot.read(),
-    )
+    told, sensors = run._decided(run.robot.read(), np.zeros(2))[0], run.robot.read()
     safe = run.guard.motors(told._replace(torque=np.full(12, 200.0), kp=np.full(12, 50.0)), sensors)
     asked = safe.torque + safe.kp * (safe.angles - sensors.angles) - safe.kd * sensors.velocities
     np.testing.assert_allclose(asked, 33.5)
