@@ -65,8 +65,9 @@ def check(raw: Mapping[str, Any], own: Robot | None = None) -> None:
     from jsonschema import Draft202012Validator
     from jsonschema.exceptions import best_match
 
-    (robot, named), controller = _robot(raw, own), _controller(raw)
-    error = best_match(Draft202012Validator(schema(robot, named, controller)).iter_errors(raw))
+    (robot, named), (controller, led) = _robot(raw, own), _controller(raw)
+    optional = (*(() if named else (ROBOT,)), *(() if led else (CONTROLLER,)))
+    error = best_match(Draft202012Validator(schema(robot, controller, optional)).iter_errors(raw))
     if error is not None:
         raise UserError(_complaint(error))
     if raw[SEAL] != description.sealed(raw):
@@ -155,20 +156,21 @@ def _robot(raw: Mapping[str, Any], own: Robot | None) -> tuple[Robot, bool]:
     return robot, name is not None
 
 
-def _controller(raw: Mapping[str, Any]) -> Controller:
-    """The controller that a manifest names: those written before there were others name none.
+def _controller(raw: Mapping[str, Any]) -> tuple[Controller, bool]:
+    """The controller that a manifest names, and whether its configuration has one: those of before there were more not.
 
     Raises:
         UnknownNameError: if it is unknown here.
     """
-    name = raw.get(CONTROLLER, controllers.DEFAULT)
-    return get_controller(name if isinstance(name, str) else str(name))
+    env = raw["config"].get("env") if isinstance(raw.get("config"), Mapping) else None
+    named = isinstance(env, Mapping) and CONTROLLER in env
+    return get_controller(str(raw.get(CONTROLLER, controllers.DEFAULT))), named
 
 
-def schema(robot: Robot, named: bool, controller: Controller) -> dict[str, Any]:
+def schema(robot: Robot, controller: Controller, optional: tuple[str, ...] = ()) -> dict[str, Any]:
     """The JSON Schema of ``policy.json``: what the robot is, as it is; what a policy may choose, in its ranges.
 
-    `named` is whether it has to name its robot.
+    `optional` are the keys that it need not have.
     """
     joints = {
         "order": {"const": list(joint_names())},
@@ -215,7 +217,7 @@ def schema(robot: Robot, named: bool, controller: Controller) -> dict[str, Any]:
             "files": _object(files, ("policy.npz", "policy.stablehlo", "robot.xml")),
             SEAL: _HASH,
         },
-        (CONTROLLER,) if named else (ROBOT, CONTROLLER),
+        optional,
     )
 
 

@@ -58,6 +58,15 @@ BAD = {
     "negative": ([*without("--total-steps"), "--total-steps", "-5"], ["total-steps is -5", "1 to 2000000000"]),
     "tokens": (["train", "--network.tokens-per-side", "3"], ["--network.tokens-per-side", "'3'"]),
     "two tasks": (["train", "--task", "thin", "--env.task", "wide"], ["--task is thin", "--env.task is wide"]),
+    "controller": (["train", "--controller", "mcp"], ["unknown controller 'mcp'", "'mpc'"]),
+    "two controllers": (
+        ["train", "--controller", "pd", "--env.controller", "mpc"],
+        ["--controller is pd", "--env.controller is mpc"],
+    ),
+    "last action": (
+        ["train", "--controller", "mpc", "--env.observation.last-action", "True"],
+        ["env.observation.last_action is True", "accepted: False"],
+    ),
     "two sizes": ([*RUN, "--ppo.num-envs", "8"], ["--num-envs is 4", "--ppo.num-envs is 8"]),
     "two totals": ([*RUN, "--ppo.total_steps=8"], ["--total-steps is 192", "--ppo.total-steps is 8"]),
     "two presets": (["train", "--preset", "fast", "--preset", "paper"], ["--preset", "twice", "'fast'", "'paper'"]),

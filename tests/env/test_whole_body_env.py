@@ -9,9 +9,14 @@ import pytest
 
 from loco_mjx import rotations
 from loco_mjx.config import DepthConfig, preset
+from loco_mjx.deploy import folder
+from loco_mjx.deploy.description import describe
 from loco_mjx.env import LocoEnv, action, autoreset
 from loco_mjx.env.drive import substeps
 from loco_mjx.errors import UserError
+from loco_mjx.scene import mjcf
+from loco_mjx.simcheck.follow import make_follower
+from loco_mjx.simcheck.sides import WatchedRobot
 from tests.known_robots import A1
 
 HORIZON = 30
@@ -85,3 +90,32 @@ def test_an_action_and_its_command(env):
 def test_a_robot_without_whole_steps_in_a_tick_is_refused():
     with pytest.raises(UserError, match=r"physics steps of 0\.003 s; accepted, for controller 'mpc': a whole number"):
         substeps(dataclasses.replace(A1, physics_dt=0.003))
+
+
+def follower_on(env, state, i):
+    """C MuJoCo's robot in a state of ours, and who carries out decisions on it."""
+    pytest.importorskip("quadprog")  # the extra `mpc`
+    world = jax.tree.map(lambda x: np.asarray(x[i]), state.pipeline_state)
+    config = dataclasses.replace(preset("fast", controller="mpc"), policy="state-only", env=env.config)
+    training = {"training": {"task": "thin", "samples": 0, "evaluation": None}}
+    manifest = folder.build(describe(config, ("state",), 1) | training)
+    robot = WatchedRobot(mjcf.scene_spec(world.scene, A1).compile(), None, lying=False, policy_hz=manifest.policy_hz)
+    robot.put(world.physics.qpos, world.physics.qvel, world.scene.spheres.collected)
+    follower = make_follower(manifest, A1)
+    return robot, follower, world
+
+
+@pytest.mark.parametrize("start", [0, 10])
+def test_c_mujoco_walks_as_far_and_observes_the_same(env, walked, start):
+    """From the episode's start, and from its middle with what the controller remembers by then."""
+    robot, follower, world = follower_on(env, walked[start], 1)
+    if start:
+        follower.resume(world.control, robot)
+    for _ in range(10):
+        follower.follow(robot, np.array([0.2, 0.3]))
+        seen = follower.observe(robot, np.zeros(2))["state"]
+    ours = walked[start + 10]
+    np.testing.assert_allclose(robot.data.qpos[:3], ours.pipeline_state.physics.qpos[1, :3], atol=0.02)
+    np.testing.assert_allclose(seen[:3], ours.obs["state"][1, :3], atol=0.1)
+    np.testing.assert_allclose(seen[3:], ours.obs["state"][1, 3:], atol=0.05)
+    assert follower.facts() == {"unsolved": 0.0}
