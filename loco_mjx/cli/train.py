@@ -70,8 +70,7 @@ class Options:
     eval_tasks: str | None = None
     """Tasks to evaluate on besides its own as it learns, e.g. wide,moving."""
     out: Path | None = None
-    """Directory of the run; None: runs/TASK/POLICY/seedSEED, but for a1 and pd runs/ROBOT/CONTROLLER/…; with --seeds
-    its parent."""
+    """Directory of the run; None: runs/TASK/POLICY/seedSEED, but for a1 and pd runs/go1/mpc/…; --seeds: its parent."""
     coordinator: str | None = None
     """HOST:PORT of process 0, for a run over several; under `srun` with several tasks SLURM says it."""
     process_id: Annotated[int, Range(0, 2**16)] | None = None
