@@ -1,8 +1,8 @@
 """Policies over the whole-body controller: ``python -m experiments.high_level [train] [compare]``; none: both.
 
 train: the four that the paper compares, transformer and CNN, on depth alone and on depth with velocity and attitude;
-each resumes, so the command can be typed again. compare: 20 s in C MuJoCo through the deployment's loop, beside a policy
-of joint targets; what has been run is not run again. Results go to ``experiments/results/cpu/high_level/``.
+each resumes, so the command can be typed again. compare: 20 s in C MuJoCo through the deployment's loop, beside a
+policy of joint targets; what has been run is not run again. Results go to ``experiments/results/cpu/high_level/``.
 """
 
 from __future__ import annotations

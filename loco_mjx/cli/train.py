@@ -52,7 +52,7 @@ class Options:
     robot: str | None = None
     """Robot to train, one of those above or the path of its MJCF (docs/robots.md); None: a1."""
     controller: Literal["pd", "mpc"] | None = None
-    """What the policy commands: joint targets, or a controller that walks (docs/whole_body.md); None: pd."""
+    """Between policy and motors; None: pd."""
     policy: str = "loco-transformer"
     """Policy to train, one of those above; it decides whether depth is rendered."""
     method: Literal["ppo", "distill"] = "ppo"
@@ -70,7 +70,7 @@ class Options:
     eval_tasks: str | None = None
     """Tasks to evaluate on besides its own as it learns, e.g. wide,moving."""
     out: Path | None = None
-    """Directory of the run; None: runs/TASK/POLICY/seedSEED, but for a1 and pd runs/go1/mpc/…; --seeds: its parent."""
+    """Directory of the run; None: runs/[ROBOT/][mpc/]TASK/POLICY/seedSEED. With --seeds its parent."""
     coordinator: str | None = None
     """HOST:PORT of process 0, for a run over several; under `srun` with several tasks SLURM says it."""
     process_id: Annotated[int, Range(0, 2**16)] | None = None
