@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from experiments.committed import RESULTS, rows
-from experiments.high_level import APART
 from loco_mjx.compare.markup import markdown
 from loco_mjx.evaluation.display import NOTHING
 
@@ -25,10 +24,10 @@ other work: their times are upper bounds.
 FIGURE = f"""![Return over samples, acting by the mean]({CURVES})
 """
 COMPARED = """**Simulation, not the real world.** The paper's last two tables are of a real A1; ours are of the A1 in
-C MuJoCo, {seconds:g} s each through the deployment's loop (`loco-mjx deploy`), in `indoor` and `forest`, which stand in for
-the paper's two places, and on three tasks; {episodes} scenes each, the same ones for all. Distance is Euclidean, from start
-to end or to where the robot was stopped. A collision is a contact with an obstacle or a wall that comes after
-{apart:g} s without any. The paper's controller sees depth alone, through a CNN (`visual-cnn`); its "Ours" are joint
+C MuJoCo, {seconds:g} s each through the deployment's loop (`loco-mjx deploy`), in `indoor` and `forest`, which stand in
+for the paper's two places, and on three tasks; {episodes} scenes each, the same ones for all. Distance is Euclidean,
+from start to end or to where the robot was stopped. A collision is a contact with an obstacle or a wall that comes
+after {apart:g} s without any. The paper's controller sees depth alone, through a CNN (`visual-cnn`); its "Ours" are joint
 targets, here the policy `thin` that comes with the package, taught on {taught} samples. "Stopped": runs that the loop
 ended before their time.
 """
@@ -82,7 +81,7 @@ def _compared() -> str:
     taught = next((f"{r['samples']:,}" for r in found.values() if r["name"] == "end-to-end"), NOTHING)
     counts = sorted({len(result["rows"]) for result in found.values()})
     episodes = "–".join(map(str, dict.fromkeys((counts[0], counts[-1]))))
-    said = COMPARED.format(episodes=episodes, taught=taught, apart=APART, seconds=one["seconds"])
+    said = COMPARED.format(episodes=episodes, taught=taught, apart=one["apart"], seconds=one["seconds"])
     names = dict.fromkeys(("end-to-end", *SEES))
     body = [_line(found[name, task]) for task in TASKS for name in names if (name, task) in found]
     head = ["scene", "commands", "policy", "distance, m", "collisions", "stopped"]
@@ -123,7 +122,8 @@ def curves(docs: Path) -> None:
         axis.set(title=sees, xlabel="samples, millions")
     for axis in axes:
         axis.grid(alpha=0.3)
-        axis.legend(fontsize=8)
+        if axis.lines:
+            axis.legend(fontsize=8)
     axes[0].set(ylabel="return; faint: exploring")
     figure.savefig(docs / CURVES, dpi=110)
     plt.close(figure)
