@@ -27,9 +27,9 @@ COMPARED = """**Simulation, not the real world.** The paper's last two tables ar
 C MuJoCo, {seconds:g} s each through the deployment's loop (`loco-mjx deploy`), in `indoor` and `forest`, which stand in
 for the paper's two places, and on three tasks; {episodes} scenes each, the same ones for all. Distance is Euclidean,
 from start to end or to where the robot was stopped. A collision is a contact with an obstacle or a wall that comes
-after {apart:g} s without any. The paper's controller sees depth alone, through a CNN (`visual-cnn`); its "Ours" are joint
-targets, here the policy `thin` that comes with the package, taught on {taught} samples. "Stopped": runs that the loop
-ended before their time.
+after {apart:g} s without any. The paper's controller sees depth alone, through a CNN (`visual-cnn`); its "Ours" are
+joint targets, here the policy `thin` that comes with the package, taught on {taught} samples. "Stopped": runs that the
+loop ended before their time.
 """
 PAPER = {  # of the real robot: distance, m, and collisions, mean and standard deviation
     ("visual-cnn", "indoor"): ((7.5, 1.5), (3.4, 0.8)),
