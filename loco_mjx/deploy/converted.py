@@ -34,7 +34,7 @@ def convert(name: str, targets: Targets, shapes: Shapes, mean: np.ndarray, std: 
     Raises:
         UserError: if jax2onnx is missing or cannot write it, or what it wrote differs.
     """
-    model = _written(name, targets, shapes)
+    model = written(name, targets, shapes)
     difference = disagreement(model, targets, observations(shapes, mean, std))
     if not difference <= TOLERANCE:  # NaN is no agreement
         raise UserError(
@@ -43,7 +43,12 @@ def convert(name: str, targets: Targets, shapes: Shapes, mean: np.ndarray, std: 
     return model
 
 
-def _written(name: str, targets: Targets, shapes: Shapes) -> Any:
+def written(name: str, targets: Targets, shapes: Shapes) -> Any:
+    """The ONNX model of a function as jax2onnx writes it, not yet compared; arguments as of `convert`.
+
+    Raises:
+        UserError: if jax2onnx is missing or cannot write it.
+    """
     try:
         with _quiet():
             import jax2onnx

@@ -23,6 +23,11 @@ def per_joint(action: Any, config: ActionConfig) -> Any:
     return action[..., np.array(DIAGONAL)] if config.diagonal else action
 
 
+def to_offsets(action: Any, config: ActionConfig) -> Any:
+    """(..., 12) joint targets relative to the default pose, rad, of an action, (..., 12) or, if diagonal, (..., 6)."""
+    return per_joint(action.clip(-1.0, 1.0), config) * joint_scale(config)
+
+
 def from_offsets(offsets: np.ndarray, config: ActionConfig) -> np.ndarray:
     """The action whose joint targets are these (..., 12) offsets from the default pose, rad: (..., 12) or (..., 6).
 

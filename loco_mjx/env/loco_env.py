@@ -14,7 +14,7 @@ from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
 from loco_mjx.env import metrics, privileged, randomization, reward
 from loco_mjx.env import observation as obs_lib
-from loco_mjx.env.action import joint_scale, per_joint
+from loco_mjx.env.action import joint_scale, to_offsets
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
 from loco_mjx.physics.step import PhysicsState, SubstepTrace, control_step, initial_state
@@ -106,7 +106,7 @@ class LocoEnv:
 
     def advance(self, state: State, action: jax.Array) -> State:
         """Physics, reward and termination of one control step; the observation's pixels are left as they were."""
-        command = self._command(action)
+        command = to_offsets(action, self.config.action)
         scene = self.next_scene(state)
         before: World = state.pipeline_state
         targets = jp.array(self.robot.default_pose) + command
@@ -173,11 +173,6 @@ class LocoEnv:
         ground = jp.max(jax.vmap(lambda x, y: surface.ground_height(scene, x, y))(feet_x, feet_y))
         quat = jp.array([1.0, 0.0, 0.0, 0.0])
         return jp.concatenate([xy, (ground + self.robot.stand_height)[None], quat, jp.array(self.robot.default_pose)])
-
-    def _command(self, action: jax.Array) -> jax.Array:
-        """(12,) joint targets relative to the default pose, rad."""
-        unit = per_joint(jp.clip(action, -1.0, 1.0), self.config.action)
-        return unit * jp.array(joint_scale(self.config.action))
 
     def _inputs(
         self,
