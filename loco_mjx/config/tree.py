@@ -125,8 +125,9 @@ class TerminationConfig:
 
 @dataclass(frozen=True)
 class PhysicsConfig:
-    """The MJX solver and the contact slots."""
+    """Rigid-body dynamics, the solver of the constraints, and the contact slots."""
 
+    dynamics: Literal["closed-form", "mjx"] = "closed-form"  # whose mass matrix and bias forces; equal to rounding
     iterations: Passes = 2  # Newton iterations per physics step
     ls_iterations: Passes = 8  # line-search iterations per Newton iteration
     more_iterations: Annotated[int, Range(0, 1000)] = 4  # further ones of those environments that have not converged

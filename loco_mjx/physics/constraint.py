@@ -18,12 +18,9 @@ from loco_mjx.physics.collision import ContactSlots, Planes
 from loco_mjx.physics.efc import Constraints
 from loco_mjx.physics.kinematics import Pose, Vector, calf_centers, column, trunk_centers
 from loco_mjx.physics.model import PhysicsModel, SolverParameters
+from loco_mjx.physics.spatial import cross
 from loco_mjx.physics.xla import add_up
 from loco_mjx.robots import Robot
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def _dot(a: Vector, b: Vector) -> jax.Array:
@@ -42,7 +39,7 @@ def tangents(normal: Vector) -> tuple[Vector, Vector]:
     x, y, z = (a - off * n for a, n in zip(along, normal, strict=True))
     scale = jax.lax.rsqrt(x * x + y * y + z * z)
     first = (x * scale, y * scale, z * scale)
-    return first, _cross(normal, first)
+    return first, cross(normal, first)
 
 
 def _impedance(parameters: SolverParameters, pos: jax.Array) -> jax.Array:
@@ -71,14 +68,14 @@ def _D_and_aref(
 
 def _base_J(pose: Pose, point: Vector, direction: Vector) -> list[jax.Array]:
     """J in the base's 6 degrees of freedom, of the velocity of points along directions."""
-    moment = _cross(_sub(point, pose.origin), direction)
+    moment = cross(_sub(point, pose.origin), direction)
     return [*direction, *(_dot(axis, moment) for axis in (pose.forward, pose.left, pose.up))]
 
 
 def _joint_J(pose: Pose, point: Vector, direction: Vector) -> list[jax.Array]:
     """J in a leg's 3 joints, of the velocity along directions of points that move with its calf."""
     pairs = ((pose.forward, pose.hip), (pose.side, pose.shoulder), (pose.side, pose.knee))
-    return [_dot(axis, _cross(_sub(point, anchor), direction)) for axis, anchor in pairs]
+    return [_dot(axis, cross(_sub(point, anchor), direction)) for axis, anchor in pairs]
 
 
 def _contact_point(center: Vector, plane: Planes, radius: np.ndarray | float) -> Vector:

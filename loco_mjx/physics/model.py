@@ -1,8 +1,10 @@
-"""A robot as an MJX model, and what the contact slots need to know of it."""
+"""What a physics step needs to know of a robot."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import mujoco
@@ -11,9 +13,16 @@ import numpy as np
 from loco_mjx import ranges
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.errors import UserError
+from loco_mjx.physics import block_matrix, rigid_body
 from loco_mjx.physics.compiled import compiled
-from loco_mjx.physics.mjx import mjx
+from loco_mjx.physics.links import links
+from loco_mjx.physics.xla import FusionBarrier
 from loco_mjx.robots import Robot
+
+# FusionBarrier, qpos (19, N), qvel (18, N), mass (N,), inertia (N,)
+RigidBody = Callable[
+    [FusionBarrier, jax.Array, jax.Array, jax.Array, jax.Array], tuple[block_matrix.BlockMatrix, block_matrix.DofVector]
+]
 
 
 @dataclass(frozen=True)
@@ -43,8 +52,7 @@ class PhysicsModel:
 
     Attributes:
         robot: whose it is.
-        mjx: the robot's MJX model, without geoms: contacts come from the slots.
-        data: MJX data whose fields a step overwrites.
+        dynamics: its mass matrix and bias forces, of barrier, qpos, qvel and factors on mass and inertia.
         sphere_invweight: (S,) translational inverse weight of each sphere's body, 1/kg.
         joint_invweight: (12,) inverse weight of each joint, 1/(kg m²).
         contact_parameters: of contacts.
@@ -54,8 +62,7 @@ class PhysicsModel:
     """
 
     robot: Robot
-    mjx: mjx.Model
-    data: mjx.Data
+    dynamics: RigidBody
     sphere_invweight: np.ndarray
     joint_invweight: np.ndarray
     contact_parameters: SolverParameters
@@ -74,6 +81,14 @@ def _solver_parameters(solref: np.ndarray, solimp: np.ndarray, timestep: float) 
     return SolverParameters(k, b, dmin, dmax, width, midpoint)
 
 
+def _dynamics(robot: Robot, config: PhysicsConfig, spec: mujoco.MjSpec, model: mujoco.MjModel) -> RigidBody:
+    if config.dynamics == "mjx":
+        from loco_mjx.physics.mjx import MjxDynamics
+
+        return MjxDynamics(spec)
+    return partial(rigid_body.qM_and_qfrc_bias, robot, links(model))
+
+
 def build(robot: Robot, config: PhysicsConfig, obstacle_slots: int = 2) -> PhysicsModel:
     """Builds the physics.
 
@@ -90,17 +105,10 @@ def build(robot: Robot, config: PhysicsConfig, obstacle_slots: int = 2) -> Physi
         raise UserError(f"obstacle_slots is {obstacle_slots}; accepted: 1 or more")
     spec, full = compiled(robot)
     spheres = [full.geom(name).id for name in robot.spheres]
-    for item in (*spec.sensors, *spec.geoms, *spec.sites, *spec.cameras, *spec.lights):
-        spec.delete(item)
-    bare = spec.compile()
-    bare.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     step = full.opt.timestep
-    with jax.ensure_compile_time_eval():  # so that an environment may be made inside of a function that JAX traces
-        of_mjx, data = mjx.put_model(bare, impl="jax"), mjx.make_data(bare, impl="jax")
     return PhysicsModel(
         robot=robot,
-        mjx=of_mjx,
-        data=data,
+        dynamics=_dynamics(robot, config, spec, full),
         sphere_invweight=full.body_invweight0[full.geom_bodyid[spheres], 0].astype(np.float32),
         joint_invweight=full.dof_invweight0[6:].astype(np.float32),
         contact_parameters=_solver_parameters(full.geom_solref[spheres[0]], full.geom_solimp[spheres[0]], step),

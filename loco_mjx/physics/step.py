@@ -1,6 +1,7 @@
 """One control step: the physics steps of a robot against a scene.
 
-Rigid-body dynamics are MJX's; contacts are the tangent planes of collision.py; the constraint solver is solver.py.
+Rigid-body dynamics are those of rigid_body.py or MJX; contacts are the tangent planes of collision.py; solver.py solves
+for the constraints' forces.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from flax import struct
 
 from loco_mjx.physics import block_matrix, collision, constraint, kinematics, solver
 from loco_mjx.physics.batch import together
-from loco_mjx.physics.mjx import mjx
+from loco_mjx.physics.block_matrix import JOINTS, LEGS, DofVector
 from loco_mjx.physics.model import PhysicsModel
 from loco_mjx.physics.xla import FusionBarrier, add_up, total
 from loco_mjx.robots import NJOINT, NV
@@ -96,19 +97,6 @@ def nominal_dynamics(kp: float, kd: float, friction: float = 1.0) -> Dynamics:
     return Dynamics(kp * one, kd * one, jp.ones(NJOINT, jp.float32), 0.0 * one, friction * one, one, one)
 
 
-def _qM_and_qfrc_bias(
-    model: PhysicsModel, qpos: jax.Array, qvel: jax.Array, mass: jax.Array, inertia: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Mass matrix (18, 18), and Coriolis, centrifugal and gravity forces (18,), of one environment, by MJX."""
-    m: mjx.Model = model.mjx.replace(  # type: ignore[attr-defined]
-        body_mass=model.mjx.body_mass * mass, body_inertia=model.mjx.body_inertia * inertia
-    )
-    d: Any = model.data.replace(qpos=qpos, qvel=qvel)  # type: ignore[attr-defined]
-    d = mjx.crb(m, mjx.com_pos(m, mjx.kinematics(m, d)))
-    d = mjx.rne(m, mjx.com_vel(m, d))
-    return mjx.full_m(m, d), d.qfrc_bias
-
-
 def _integrate(qpos: jax.Array, qvel: jax.Array, timestep: float) -> jax.Array:
     """Position after one physics step at a velocity; (19, N), (18, N)."""
     dt = np.float32(timestep)
@@ -139,8 +127,7 @@ def physics_step(
     """The next state, the squared torque and what was touched. Environments last in every array."""
     robot, qpos, qvel = model.robot, state.qpos, state.qvel
     torque = motors(qpos[7:], qvel[6:])
-    dynamics_of = jax.vmap(lambda *args: _qM_and_qfrc_bias(model, *args), in_axes=-1, out_axes=-1)
-    qM, qfrc_bias = barrier(dynamics_of, qpos, qvel, dynamics.mass, dynamics.inertia)
+    qM, qfrc_bias = model.dynamics(barrier, qpos, qvel, dynamics.mass, dynamics.inertia)
     pose = barrier(lambda qpos: kinematics.pose(robot, qpos), qpos)
     centers = barrier(lambda pose: kinematics.centers(robot, pose), pose)
     contacts = collision.narrowphase(barrier, candidates, robot, centers, model.obstacle_slots)
@@ -149,11 +136,12 @@ def physics_step(
     )
     # qfrc_smooth = qfrc_actuator + qfrc_passive − qfrc_bias
     of_joints = torque - kinematics.column(robot.damping, qpos) * qvel[6:] if any(robot.damping) else torque
-    qfrc_smooth = jp.concatenate([-qfrc_bias[:6], of_joints - qfrc_bias[6:]])
+    legs = jp.swapaxes(of_joints.reshape(LEGS, JOINTS, -1), 0, 1)
+    qfrc_smooth = DofVector(-qfrc_bias.base, legs - qfrc_bias.joints)
     qacc = block_matrix.join(
         solver.solve(
             barrier,
-            solver.Problem(barrier(block_matrix.from_dense, qM), block_matrix.split(qfrc_smooth), constraints),
+            solver.Problem(qM, qfrc_smooth, constraints),
             block_matrix.split(state.warmstart),
             model.config.iterations,
             model.config.ls_iterations,
