@@ -25,6 +25,8 @@ from loco_mjx.errors import UserError
 from loco_mjx.evaluation import multi_seed, report
 from loco_mjx.evaluation.episodes import evaluation_config
 from loco_mjx.evaluation.in_training import evaluators
+from loco_mjx.networks.outputs import DEPTH, PRIVILEGED, STATE
+from loco_mjx.networks.registry import POLICIES
 from loco_mjx.run import machine, settings, start
 from loco_mjx.run.loop import LoopOptions, Outcome
 from loco_mjx.run.policy import TrainedPolicy
@@ -144,6 +146,9 @@ class Policy:
         """Takes a policy as :func:`loco_mjx.deploy.trained.load` gives it."""
         self.config, self.samples = policy.config, policy.samples
         self._mean, self._drawn = policy.actor(), policy.actor(deterministic=False)
+        networks, teacher = self._mean.networks, POLICIES.find(self.config.policy).uses_privileged
+        uses = {STATE: networks.uses_state, DEPTH: networks.uses_depth, PRIVILEGED: teacher}
+        self._reads = [name for name, used in uses.items() if used]
         self._act_by_mean, self._draw = jax.jit(self._mean.act), jax.jit(self._drawn.act)
         self.reset()
 
@@ -165,8 +170,7 @@ class Policy:
         Raises:
             UserError: if a part of the observation that it reads is missing.
         """
-        read = {"state": True, "pixels/depth": self._mean.networks.uses_depth}
-        missing = next((name for name, used in read.items() if used and name not in obs), None)
+        missing = next((name for name in self._reads if name not in obs), None)
         if missing is not None:
             raise UserError(f"the observation has no '{missing}'; accepted: what loco_mjx.make_env's environments give")
         given = {name: jax.numpy.asarray(obs[name]) for name in obs}

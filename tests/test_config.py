@@ -10,8 +10,8 @@ from loco_mjx import config as config_lib
 from loco_mjx.cli import train
 from loco_mjx.config import Config
 from loco_mjx.env import LocoEnv
-from loco_mjx.errors import UserError
 from loco_mjx.ppo.trainer import Trainer
+from tests.refusals import refusal
 
 
 def _with(path: str, value):
@@ -72,7 +72,7 @@ def test_what_is_chosen_beside_a_controller_stays_and_leaving_it_leaves_nothing(
 def test_an_observation_of_nothing_is_refused():
     config = config_lib.preset("fast", controller="mpc")
     observed = dataclasses.replace(config.env.observation, velocity=False, attitude=False)
-    with pytest.raises(UserError, match=r"env\.observation has no sensor"):
+    with refusal("env.observation True"):
         config_lib.check(dataclasses.replace(config, env=dataclasses.replace(config.env, observation=observed)))
 
 
@@ -93,31 +93,31 @@ def test_the_command_trains_the_real_preset_on_84_numbers(policy):
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        ("ppo.minibatch", 300, r"minibatch 300 does not divide the 8192 samples"),
-        ("ppo.num_envs", 0, r"num_envs is 0"),
-        ("ppo.learning_rate", -1.0, r"learning_rate is -1.0"),
-        ("ppo.discount", 1.5, r"discount is 1.5"),
-        ("env.horizon", 0, r"horizon is 0"),
-        ("env.randomization.kp", (90.0, 40.0), r"randomization.kp is \(90.0, 40.0\)"),
-        ("env.observation.depth.near", 20.0, r"near 20.0, far 10.0"),
-        ("env.observation.depth.blind_min", 31, r"blind_min 31"),
-        ("network.tokens_per_side", 3, r"tokens_per_side is 3; accepted: 1, 2, 4"),
+        ("ppo.minibatch", 300, "ppo.minibatch 300 8192"),
+        ("ppo.num_envs", 0, "ppo.num_envs 0 1"),
+        ("ppo.learning_rate", -1.0, "ppo.learning_rate -1.0 1"),
+        ("ppo.discount", 1.5, "ppo.discount 1.5 1"),
+        ("env.horizon", 0, "env.horizon 0 1"),
+        ("env.randomization.kp", (90.0, 40.0), "env.randomization.kp (90.0, 40.0)"),
+        ("env.observation.depth.near", 20.0, "env.observation.depth near 20.0 far 10.0"),
+        ("env.observation.depth.blind_min", 31, "env.observation.depth blind_min 31 blind_max 30"),
+        ("network.tokens_per_side", 3, "network.tokens_per_side 3 1 2 4"),
     ],
 )
 def test_what_does_not_fit_is_named(path, value, message):
-    with pytest.raises(UserError, match=message):
+    with refusal(message):
         config_lib.check(_with(path, value))
 
 
 def test_environments_must_divide_over_the_devices():
-    with pytest.raises(UserError, match="256 does not divide over 3 devices"):
+    with refusal("ppo.num_envs 256 3"):
         config_lib.check(Config(), num_devices=3)
 
 
 def test_keys_of_another_version_are_named():
     values = config_lib.to_dict(Config())
     values["ppo"]["clip_range"] = values["ppo"].pop("clip")
-    with pytest.raises(UserError, match=r"PPOConfig has no keys .'clip_range'. in this version"):
+    with refusal("PPOConfig clip_range"):
         config_lib.from_dict(Config, values)
 
 

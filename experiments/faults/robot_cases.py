@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from loco_mjx.deploy.safety import Cause, EmergencyStop
+from loco_mjx.deploy.estop import EmergencyStop
+from loco_mjx.deploy.safety import Cause
 from tests.deploy import flat
 from tests.deploy.faulty import FAULT, Clock, Faulty
 

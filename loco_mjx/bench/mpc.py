@@ -58,13 +58,13 @@ def bench_mpc(num_envs: int, seconds: float, robot: str = DEFAULT) -> dict[str, 
     config, about = WholeBodyConfig(), get_robot(robot)
     body, devices = body_of(about), dividing_devices(num_envs)
     given = ticks(config, body, about.default_pose, num_envs)
-    programs = [_program(config, body, jax.tree.map(lambda x, i=i: x[i], given)) for i in range(num_envs)]
+    programs = [program(config, body, jax.tree.map(lambda x, i=i: x[i], given)) for i in range(num_envs)]
     solve = solver.make_solver(config.mpc)
     begin = time.monotonic()
     tick = _compiled(devices, lambda *args: controller.tick(config, body, solve, *args), given)
     alone = _compiled(devices, lambda *program: solve(mpc.Problem(*program)), jax.tree.map(_stack, *programs))
     compile_seconds = time.monotonic() - begin
-    peers = {name: _all(one, programs[:PEER_PROGRAMS]) for name, one in _libraries(config).items()}
+    peers = {name: _all(one, programs[:PEER_PROGRAMS]) for name, one in solvers(config).items()}
     calls = [(tick, 1), (alone, 1), *((call, 1) for call in peers.values())]
     whole, part, *others = seconds_in_turn(calls, seconds)
     each = 1e6 * len(devices) / num_envs
@@ -98,7 +98,7 @@ def _compiled(devices: list[Any], one: Callable[..., Any], given: Any) -> Callab
     return lambda: compiled(*given)
 
 
-def _program(config: WholeBodyConfig, body: Body, given: tuple[Any, np.ndarray, Any]) -> mpc.Problem:
+def program(config: WholeBodyConfig, body: Body, given: tuple[Any, np.ndarray, Any]) -> mpc.Problem:
     """What one tick has a solver solve, in NumPy."""
     found: list[mpc.Problem] = []
 
@@ -121,7 +121,7 @@ def _all(solve: Callable[[library.Dense], Any], programs: list[mpc.Problem]) -> 
     return call
 
 
-def _libraries(config: WholeBodyConfig) -> dict[str, Callable[[library.Dense], Any]]:
+def solvers(config: WholeBodyConfig) -> dict[str, Callable[[library.Dense], Any]]:
     """The libraries that are there; each runs on one core."""
     library.make_solver(config.mpc)  # says what is missing
     from quadprog import solve_qp

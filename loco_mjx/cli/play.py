@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from loco_mjx.show.rollout import Agent
 
 PROG = "loco-mjx play"
-RATES = (25.0, 12.5, 5.0)  # frames per second that are whole numbers of control steps at 25 Hz
+RATES = (25.0, 12.5, 5.0)  # frames per second; whole numbers of control steps at 25 Hz
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Options:
     width: Annotated[int, Range(64, 1920)] = 640
     """Of the video, pixels; it is 16:9."""
     fps: Annotated[float, Range(5, 25)] = 25.0
-    """Frames per second of the video: 25, 12.5 or 5."""
+    """Frames per second of the video: 25, 12.5 or 5; what comes nearest for a robot of another rate than 25 Hz."""
     columns: Annotated[int, Range(1, 20)] = 5
     """Moments in the figure."""
     overwrite: bool = False
@@ -141,12 +141,18 @@ def _agent(options: Options) -> Agent:
     return Agent(kind, policy, options.robot or DEFAULT, (options.vx, options.yaw))
 
 
+def pace(control_dt: float, fps: float) -> tuple[int, float]:
+    """Control steps in a frame, and the frames per second that come of it: a film is of whole steps, in real time."""
+    every = max(1, round(1 / (control_dt * fps)))
+    return every, round(1 / (control_dt * every), 6)
+
+
 def _film(options: Options, agent: Agent) -> None:
     from loco_mjx.show.record import record
     from loco_mjx.show.rollout import Rollout
 
     rollout = Rollout(agent, agent.env_config(options.task))
-    every = max(1, round(1 / (rollout.env.dt * options.fps)))
+    every, fps = pace(rollout.env.dt, options.fps)
     done = record(
         rollout,
         options.seed,
@@ -158,6 +164,8 @@ def _film(options: Options, agent: Agent) -> None:
         every,
         options.columns,
     )
+    if options.video is not None and fps != options.fps:
+        print(f"{fps:g} frames a second, for the robot has {1 / rollout.env.dt:g} control steps in one")
     for path in (options.video, options.figure):
         if path is not None:
             print(f"wrote {path} ({path.stat().st_size // 1024} KB)")

@@ -115,7 +115,7 @@ class OnRay:
         at_once = sum(wanted.fits(node) for node in nodes)
         where = ray.get_runtime_context().gcs_address
         progress.say(f"Ray at {where}, nodes: {len(nodes)}; a cell takes {wanted}, {at_once} run at once")
-        task = ray.remote(num_cpus=wanted.cpus, num_gpus=wanted.gpus, max_retries=self.retries)(_work)
+        task = ray.remote(num_cpus=wanted.cpus, num_gpus=wanted.gpus, max_retries=self.retries)(work)
         tasks = {task.remote(_absolute(cell), self.run): cell for cell in cells}
         try:
             while tasks:
@@ -221,7 +221,7 @@ def _absolute(cell: Cell) -> Cell:
     return replace(cell, path=cell.path.absolute())
 
 
-def _work(cell: Cell, run: Runner) -> str | None:
+def work(cell: Cell, run: Runner) -> str | None:
     """Runs a cell in a worker; what went wrong, or None."""
     # Ray cancels by the handler of SIGINT, and a cluster that was started in a shell's background ignores that.
     if threading.current_thread() is threading.main_thread():

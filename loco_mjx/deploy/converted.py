@@ -38,7 +38,7 @@ def convert(
     Raises:
         UserError: if jax2onnx is missing or cannot write it, or what it wrote differs.
     """
-    model = _written(name, targets, shapes, controller.output)
+    model = written(name, targets, shapes, controller.output)
     difference = disagreement(model, targets, observations(shapes, mean, std))
     if not difference <= TOLERANCE:  # NaN is no agreement
         raise UserError(
@@ -48,7 +48,12 @@ def convert(
     return model
 
 
-def _written(name: str, targets: Targets, shapes: Shapes, output: str) -> Any:
+def written(name: str, targets: Targets, shapes: Shapes, output: str) -> Any:
+    """The ONNX model of a function as jax2onnx writes it, not yet compared; arguments as of `convert`.
+
+    Raises:
+        UserError: if jax2onnx is missing or cannot write it.
+    """
     try:
         with _quiet():
             import jax2onnx

@@ -19,7 +19,7 @@ import numpy as np
 
 from loco_mjx import controllers
 from loco_mjx.controllers import Controller, get_controller
-from loco_mjx.deploy import schema
+from loco_mjx.deploy import schema, strict_json
 from loco_mjx.deploy.description import DEPTH, FORMAT, STATE, VERSION
 from loco_mjx.errors import UserError
 from loco_mjx.robots import DEFAULT, NJOINT, get_robot
@@ -164,7 +164,7 @@ def _load(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         raise UserError(f"{folder} has no {MANIFEST}; give a folder that `loco-mjx export` wrote")
     try:
-        raw = schema.parse(path.read_text(encoding="utf-8"))
+        raw = strict_json.parse(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise UserError(f"{path} cannot be read ({error}); export the run again") from error
     if not isinstance(raw, dict):

@@ -79,7 +79,11 @@ class Sampler:
 
 
 class RealSense:
-    """The first camera found; it delivers from the start until :meth:`close`."""
+    """The first camera found; it delivers from the start until :meth:`close`.
+
+    Attributes:
+        newest: the last image that came; None before the first.
+    """
 
     def __init__(self, camera: Camera, now: Callable[[], float], sensors: Sequence[Any] | None = None) -> None:
         """Starts the stream and waits for a frame.
@@ -95,7 +99,7 @@ class RealSense:
         """
         rs = _library()
         self._rs, self._now = rs, now
-        self._newest: Frame | None = None
+        self.newest: Frame | None = None
         self._error: str | None = None
         self._ended = threading.Event()
         self._sensor, profile = self._find(rs.context().query_all_sensors() if sensors is None else sensors)
@@ -116,9 +120,9 @@ class RealSense:
         """
         if self._error is not None:
             raise RobotError(f"the depth camera has failed: {self._error}")
-        if self._newest is None:
+        if self.newest is None:
             raise RobotError("the depth camera has sent no frame")
-        return self._newest
+        return self.newest
 
     def wait(self, seconds: float = FIRST_FRAME) -> None:
         """Waits for the first frame.
@@ -127,7 +131,7 @@ class RealSense:
             RobotError: if it does not come.
         """
         end = time.monotonic() + seconds
-        while self._newest is None and self._error is None and time.monotonic() < end:
+        while self.newest is None and self._error is None and time.monotonic() < end:
             time.sleep(0.01)
         self.depth()
 
@@ -160,7 +164,7 @@ class RealSense:
                 if there:
                     exposed = self._now() - self._age(frame)
                     raw = np.asanyarray(frame.get_data())
-                    self._newest = Frame(exposed, self._sampler(raw, frame.as_depth_frame().get_units()))
+                    self.newest = Frame(exposed, self._sampler(raw, frame.as_depth_frame().get_units()))
         except Exception as error:  # whatever it is, the robot must hear of it
             self._error = str(error)
 

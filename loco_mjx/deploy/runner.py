@@ -9,11 +9,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from loco_mjx import controllers
+from loco_mjx.deploy.estop import EmergencyStop
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.observer import Observer, check_readable, up
 from loco_mjx.deploy.record import Record
 from loco_mjx.deploy.robot import Frame, Robot, RobotError, Sensors
-from loco_mjx.deploy.safety import Cause, EmergencyStop, Guard, Limits, Stop
+from loco_mjx.deploy.safety import Cause, Guard, Limits, Stop
 from loco_mjx.deploy.worker import Overdue, Worker
 from loco_mjx.errors import UserError
 from loco_mjx.robots import LEGS, NJOINT

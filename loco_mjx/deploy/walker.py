@@ -8,12 +8,13 @@ from collections.abc import Callable
 import numpy as np
 
 from loco_mjx.controllers import TICK, get_controller
+from loco_mjx.deploy.estop import EmergencyStop
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.low_level import LowLevel
 from loco_mjx.deploy.observer import up
 from loco_mjx.deploy.robot import DrivenRobot, Frame, Sensors
 from loco_mjx.deploy.runner import STILL, Runner
-from loco_mjx.deploy.safety import Cause, EmergencyStop, Limits, Stop
+from loco_mjx.deploy.safety import Cause, Limits, Stop
 from loco_mjx.deploy.worker import Overdue
 from loco_mjx.errors import UserError
 from loco_mjx.robots import Robot, joint_names

@@ -69,7 +69,7 @@ def _order(in_view: jax.Array) -> tuple[jax.Array, jax.Array]:
     return order, jp.sum(in_view, dtype=jp.int32)
 
 
-def _gather(in_view: jax.Array, center: jax.Array, *sizes: jax.Array) -> Shapes:
+def gather(in_view: jax.Array, center: jax.Array, *sizes: jax.Array) -> Shapes:
     """Shapes from (N,) flags, (N, 3) centres and parameters of shape (N,) or (N, n).
 
     A negative size is void: no ray hits it.
@@ -93,7 +93,7 @@ def _gather_boxes(planes: tuple[jax.Array, jax.Array], boxes: Boxes, origin: jax
     x, y, z = center.T
     own = jp.stack([cos * x + sin * y, cos * y - sin * x, z], axis=1)
     turned = boxes.yaw != 0.0
-    return _gather(in_view & ~turned, center, boxes.half), _gather(in_view & turned, own, boxes.half, cos, sin)
+    return gather(in_view & ~turned, center, boxes.half), gather(in_view & turned, own, boxes.half, cos, sin)
 
 
 def cull(scene: Scene, qpos: jax.Array, mount: Vector3, config: DepthConfig) -> CulledScene:
@@ -103,10 +103,10 @@ def cull(scene: Scene, qpos: jax.Array, mount: Vector3, config: DepthConfig) -> 
     boxes, turned_boxes = _gather_boxes(planes, scene.boxes, origin)
     spheres, cylinders = scene.spheres, scene.cylinders
     center = spheres.center - origin
-    balls = _gather(primitives.spheres_in_view(planes, spheres, center), center, spheres.radius)
+    balls = gather(primitives.spheres_in_view(planes, spheres, center), center, spheres.radius)
     center = cylinders.center - origin
     in_view = primitives.cylinders_in_view(planes, cylinders, center)
-    trunks = _gather(in_view, center, cylinders.radius, cylinders.half_height)
+    trunks = gather(in_view, center, cylinders.radius, cylinders.half_height)
     return CulledScene(origin, rotation, boxes, turned_boxes, balls, trunks, scene.terrain)
 
 

@@ -44,6 +44,11 @@ def numbers(action: Any, config: EnvConfig) -> Any:
     return per_joint(action, config.action) if get_controller(config.controller).scale is None else action
 
 
+def to_offsets(action: Any, config: EnvConfig) -> Any:
+    """What the controller takes, relative to `neutral`, of an action (..., action_size): (..., 12) rad, or (..., 2)."""
+    return numbers(action.clip(-1.0, 1.0), config) * scale(config)
+
+
 def from_offsets(offsets: np.ndarray, config: EnvConfig) -> np.ndarray:
     """The action (..., action_size) that stands for these (..., n) offsets from `neutral`.
 

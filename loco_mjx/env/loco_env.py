@@ -15,7 +15,7 @@ from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
 from loco_mjx.env import metrics, privileged, randomization, reward
 from loco_mjx.env import observation as obs_lib
-from loco_mjx.env.action import numbers, scale
+from loco_mjx.env.action import scale, to_offsets
 from loco_mjx.env.drive import Moved, make_drive
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
@@ -112,7 +112,7 @@ class LocoEnv:
 
     def advance(self, state: State, action: jax.Array) -> State:
         """Physics, reward and termination of one control step; the observation's pixels are left as they were."""
-        command = self._command(action)
+        command = to_offsets(action, self.config)
         scene = self.next_scene(state)
         before: World = state.pipeline_state
         moved = self._drive.move(before.physics, before.control, scene, command, before.randomization.dynamics)
@@ -176,10 +176,6 @@ class LocoEnv:
         ground = jp.max(jax.vmap(lambda x, y: surface.ground_height(scene, x, y))(feet_x, feet_y))
         quat = jp.array([1.0, 0.0, 0.0, 0.0])
         return jp.concatenate([xy, (ground + self.robot.stand_height)[None], quat, jp.array(self.robot.default_pose)])
-
-    def _command(self, action: jax.Array) -> jax.Array:
-        """What the controller takes, relative to `neutral`: (12,) joint targets, rad, or (2,) m/s and rad/s."""
-        return numbers(jp.clip(action, -1.0, 1.0), self.config) * jp.array(scale(self.config))
 
     def _inputs(
         self,

@@ -30,8 +30,10 @@ def finite(x: jax.Array) -> jax.Array:
 
 
 def policy_input(obs: Observation, normalizer: Normalizer) -> dict[str, jax.Array]:
-    """An environment's observation as networks take it: finite, `state` normalised, depth as it is stored."""
-    result = {STATE: normalizer_lib.normalize(normalizer, finite(obs[STATE]))}
+    """What an observation has, as networks take it: finite, `state` normalised, depth as it is stored."""
+    result = {}
+    if STATE in obs:
+        result[STATE] = normalizer_lib.normalize(normalizer, finite(obs[STATE]))
     if DEPTH in obs:
         result[DEPTH] = frame_stack.rounded(finite(obs[DEPTH]))
     if PRIVILEGED in obs:

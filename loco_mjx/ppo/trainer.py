@@ -77,6 +77,7 @@ class Trainer:
             donates the state: what was passed in cannot be used again.
         collect: (state, pool) -> (state, Rollout, dict of scalars), the first half of `iterate`, to be timed apart.
         update: (state, Rollout) -> (state, dict of scalars), the second half.
+        draw_pool: (a seed's key, pool number) -> the pool, compiled once.
     """
 
     def __init__(self, config: Config, env: autoreset.ResettableEnv, mesh: Mesh | None = None) -> None:
@@ -118,7 +119,7 @@ class Trainer:
         self.collect = jax.jit(self.shard_map(collect, (state, replicated), (state, rollouts, replicated)))
         self.update = jax.jit(self.shard_map(update, (state, rollouts), (state, replicated)))
         self._init = jax.jit(self.shard_map(start, (replicated, replicated), state))
-        self._make_pool = jax.jit(self.pool, out_shardings=NamedSharding(self.mesh, replicated))
+        self.draw_pool = jax.jit(self.pool, out_shardings=NamedSharding(self.mesh, replicated))
 
     def shard_map(self, part: Callable, in_specs: Any, out_specs: Any) -> Callable:
         """A function of one device's data, run on all devices of the mesh."""
@@ -132,7 +133,7 @@ class Trainer:
 
     def make_pool(self, iteration: int) -> Any:
         """The scenes of an iteration; they depend on the seed and ``iteration // pool_refresh`` alone."""
-        return self._make_pool(jax.random.PRNGKey(self.config.seed), self.pool_number(iteration))
+        return self.draw_pool(jax.random.PRNGKey(self.config.seed), self.pool_number(iteration))
 
     def pool_number(self, iteration: int) -> jax.Array:
         """() int32: which of the seed's pools an iteration resets into."""

@@ -1,4 +1,4 @@
-"""A live viewer in the browser: the server's threads ask, one loop simulates and draws."""
+"""A live viewer in the browser: the server's threads ask, one loop simulates and has it drawn."""
 
 from __future__ import annotations
 
@@ -7,19 +7,14 @@ import socket
 import time
 import traceback
 from collections.abc import Callable
-from typing import Any, cast
-
-import numpy as np
+from typing import cast
 
 from loco_mjx.errors import UserError
 from loco_mjx.scene.tasks import TASKS
-from loco_mjx.show import drawing, meshes
-from loco_mjx.show.rollout import Agent, Kind, Rollout
-from loco_mjx.show.stage import HIDDEN_GROUP, Stage
+from loco_mjx.show.rollout import Agent, Kind, Moment, Rollout
+from loco_mjx.show.web_scene import WebScene
 
 IDLE = 0.05  # s between looks at what was asked while nothing moves
-EYE = (200, 320)  # rows and columns of the depth image
-WORLD = "/world"
 # m, from where the robot is followed: behind and above it, for walls are at its sides. And where the camera looks.
 CAMERA, TARGET = (-2.4, 0.4, 1.3), (0.6, 0.0, 0.2)
 
@@ -41,7 +36,13 @@ def serve(agent: Agent, task: str, seed: int, host: str, port: int) -> None:
 
 
 class Viewer:
-    """The page, and the episode it shows. GUI callbacks only queue what is asked; `run` does it."""
+    """The page, and the episode it shows. GUI callbacks only queue what is asked; `run` does it.
+
+    Attributes:
+        rollout: None until it is compiled.
+        moment: the one that is shown, once there is a rollout.
+        scene: how it is shown.
+    """
 
     def __init__(self, agent: Agent, task: str, seed: int, host: str = "127.0.0.1", port: int = 8080) -> None:
         """Opens the page; nothing is compiled before :meth:`run`.
@@ -63,7 +64,7 @@ class Viewer:
         self.rollout: Rollout | None = None
         self._asked: queue.Queue[Callable[[], None]] = queue.Queue()
         self._stopped = False
-        self._nodes: dict[int, Any] = {}
+        self.moment: Moment
         self._server = viser.ViserServer(host=host, port=port, label="loco-mjx", verbose=False)
         self._server.initial_camera.position, self._server.initial_camera.look_at = CAMERA, TARGET
         self._build_gui()
@@ -86,9 +87,7 @@ class Viewer:
         self._kind = gui.add_dropdown("Agent", kinds, initial_value=self.kind)
         self._following = gui.add_checkbox("Follow the robot", self.follow)
         self._attending = gui.add_checkbox("Attention", self.overlay, disabled=not self.overlay)
-        self._eye = gui.add_image(np.zeros((*EYE, 3), np.uint8), label="Depth", format="png")
-        self._looked = gui.add_image(np.zeros((*EYE, 3), np.uint8), label="Attention over depth", format="png")
-        self._looked.visible = False
+        self.scene = WebScene(self._server)
         self._pause.on_click(lambda _: self.ask(self.toggle))
         self._single.on_click(lambda _: self.ask(self.single))
         self._again.on_click(lambda _: self.ask(self.reset))
@@ -113,7 +112,7 @@ class Viewer:
         self.error = ""
         if self.rollout is None:
             self._prepare()
-        self._show(self.rollout.reset(self.seed))  # type: ignore[union-attr]
+        self.show(self.rollout.reset(self.seed))  # type: ignore[union-attr]
         self.steps = 0
         self._start_clock()
 
@@ -128,7 +127,7 @@ class Viewer:
         """Shows attention beside the depth image, or not."""
         self.overlay = overlay
         if self.rollout is not None:
-            self._draw(self._moment)
+            self.draw(self.moment)
 
     # The loop -------------------------------------------------------------------------------------------------------
 
@@ -181,7 +180,7 @@ class Viewer:
         else:
             late = time.perf_counter() - self._due
             pace = "paused" if self.paused else "real time" if late < 0.2 else f"{late:.1f} s behind real time"
-            moment, now = self._moment, self._moment.step * self.rollout.env.dt
+            moment, now = self.moment, self.moment.step * self.rollout.env.dt
             text = f"episode {moment.episode}, {now:.1f} s, {moment.distance:.1f} m; {pace}"
         if self._status.content != text:
             self._status.content = text
@@ -206,68 +205,23 @@ class Viewer:
     def _advance(self) -> None:
         if self.rollout is None:
             raise UserError("there is no episode to step; choose another task, or reset")
-        before = self._moment
-        moment = self.rollout.step()
+        before, moment = self.moment, self.rollout.step()
         self.steps += 1
         if moment.episode != before.episode:
-            self._show(moment)
+            self.show(moment)
         else:
-            self._draw(moment)
+            self.draw(moment)
 
-    # Drawing --------------------------------------------------------------------------------------------------------
+    def show(self, moment: Moment) -> None:
+        """Shows an episode's first moment, in a scene of its own."""
+        self.scene.build(moment, self.rollout.env.robot)  # type: ignore[union-attr]
+        self.draw(moment)
 
-    def _show(self, moment: Any) -> None:
-        """A new scene: removes what was there, and adds every piece of the new one."""
-        self.stage = Stage(moment, self.rollout.env.robot)  # type: ignore[union-attr]
-        scene = self._server.scene
-        with self._server.atomic():
-            scene.reset()
-            self._world = scene.add_frame(WORLD, show_axes=False)
-            self._nodes, self._spheres = {}, {}
-            self._floor = scene.add_frame(f"{WORLD}/floor", show_axes=False)
-            for name, mesh, paint in meshes.floor() if meshes.has_floor(self.stage.model) else ():
-                scene.add_mesh_simple(
-                    f"{WORLD}/floor/{name}", mesh.vertices, mesh.faces, color=paint, cast_shadow=False
-                )
-            for body, pieces in meshes.by_body(self.stage.model, set(self.stage.spheres.values())).items():
-                self._nodes[body] = scene.add_frame(f"{WORLD}/body{body}", show_axes=False)
-                for name, mesh, paint in pieces:
-                    node = scene.add_mesh_simple(
-                        f"{WORLD}/body{body}/{name}", mesh.vertices, mesh.faces, color=paint, flat_shading=True
-                    )
-                    if name.startswith("geom"):
-                        self._spheres[int(name.removeprefix("geom"))] = node
-        self._draw(moment)
-
-    def _draw(self, moment: Any) -> None:
-        """Moves what has moved."""
-        self._moment = moment
-        self.stage.pose(moment)
-        data = self.stage.data
-        with self._server.atomic():
-            for body, node in self._nodes.items():
-                if body:  # 0 is what never moves
-                    node.position, node.wxyz = data.xpos[body], data.xquat[body]
-            for geom, node in self._spheres.items():
-                node.visible = bool(self.stage.model.geom_group[geom] != HIDDEN_GROUP)
-            self._floor.position = meshes.floor_place(moment.qpos[:3])
-            if self.follow:  # the world is moved instead of the camera, which stays the user's to turn
-                self._world.position = -moment.qpos[:3] * np.array([1.0, 1.0, 0.0])
-        self._draw_eye(moment)
-
-    def _draw_eye(self, moment: Any) -> None:
-        """The depth image, and beside it the attention where it is asked for, with its scale."""
-        seen = moment.depth is not None
-        looked = seen and self.overlay and moment.attention is not None
-        for panel, shown in ((self._eye, seen), (self._looked, looked)):
-            if panel.visible != shown:
-                panel.visible = shown
-        depth = self.rollout.config.observation.depth  # type: ignore[union-attr]
-        if seen:
-            self._eye.image = drawing.enlarge(drawing.depth_picture(moment.depth, depth), *EYE)
-        if looked:
-            over = drawing.enlarge(drawing.overlay(moment.depth, moment.attention, depth), *EYE)
-            self._looked.image = np.concatenate([over, drawing.scale(EYE[1])])
+    def draw(self, moment: Moment) -> None:
+        """Shows a moment of the same episode."""
+        self.moment = moment
+        self.scene.draw(moment, self.follow)
+        self.scene.draw_eye(moment, self.rollout.config.observation.depth, self.overlay)  # type: ignore[union-attr]
 
 
 def _check_port(host: str, port: int) -> None:

@@ -15,6 +15,7 @@ import jax
 import numpy as np
 
 from loco_mjx import config as config_lib
+from loco_mjx.config import EnvConfig
 from loco_mjx.deploy import folder
 from loco_mjx.deploy.session import Session
 from loco_mjx.env.action import neutral
@@ -80,13 +81,7 @@ def simcheck(
         raise UserError(f"episodes is {episodes}; accepted: 1 or more")
     manifest = folder.read(policy)
     session = Session(manifest, policy)
-    trained = config_lib.from_dict(config_lib.Config, manifest.raw["config"])
-    trained = dataclasses.replace(trained, env=dataclasses.replace(trained.env, robot=manifest.body))
-    needs.check(trained, policy)
-    config = evaluation_config(trained.env, task)
-    if solver is not None:
-        physics = dataclasses.replace(config.physics, iterations=solver[0], ls_iterations=solver[1])
-        config = dataclasses.replace(config, physics=physics)
+    config = _environment(policy, manifest, task, solver)
     env = LocoEnv(config)
     mesh = make_mesh(dividing_devices(episodes))
     first = start(env, seed, episodes)
@@ -108,14 +103,29 @@ def simcheck(
         "prisms": prisms,
         "physics": config_lib.to_dict(config.physics),
         "metrics": compare(found[CSide.name], found[MjxSide.name]),
-        "replay": _replayed(again),
+        "replay": replay_figures(again) | {"output": manifest.controller.output, "unit": manifest.controller.unit},
         "episodes": {name: {key: values.tolist() for key, values in found[name].items()} for name in found},
         "seconds": seconds,
         "versions": provenance.versions(),
     }
 
 
-def _replayed(again: Replayed) -> dict[str, Any]:
+def _environment(
+    policy: Path, manifest: folder.Manifest, task: str | None, solver: tuple[int, int] | None
+) -> EnvConfig:
+    """That of an evaluation of the run which the policy is from, with its robot and the solver asked for."""
+    trained = config_lib.from_dict(config_lib.Config, manifest.raw["config"])
+    trained = dataclasses.replace(trained, env=dataclasses.replace(trained.env, robot=manifest.body))
+    needs.check(trained, policy)
+    config = evaluation_config(trained.env, task)
+    if solver is None:
+        return config
+    physics = dataclasses.replace(config.physics, iterations=solver[0], ls_iterations=solver[1])
+    return dataclasses.replace(config, physics=physics)
+
+
+def replay_figures(again: Replayed) -> dict[str, Any]:
+    """What came of the replays, as :func:`compare` has it; `targets` is None for a policy that holds depth too long."""
     count = len(again.targets)
     if not count:
         return {"windows": 0}

@@ -142,7 +142,7 @@ def tick(
     time = (state.tick * TICK).astype(kind)
     now = gait.phase(config.gait, time)
     mode = gait.mode(config.gait, now, measured.contacts)
-    sensed = _sense(body, state, measured, mode)
+    sensed = sense(body, state, measured, mode)
     lifted = xp.where((now.swings & ~state.swings)[:, None], sensed.feet, state.lifted)
 
     solution = solve(program(config, body, sensed, time, mode.pushes, wanted))
@@ -155,7 +155,7 @@ def tick(
     return out, new, Facts(solution.iterations, ~good, xp.any(wanted != command), *mode)
 
 
-def _sense(body: Body, state: State, measured: Measured, mode: gait.Mode) -> Sensed:
+def sense(body: Body, state: State, measured: Measured, mode: gait.Mode) -> Sensed:
     """Where the trunk is and how it moves; its height is the mean above the feet that stand on something."""
     xp, kind = space(measured.angles), measured.angles.dtype
     tilt, attitude = level(rotation(measured.quat))

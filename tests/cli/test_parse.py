@@ -7,6 +7,7 @@ import tyro
 from loco_mjx.cli.main import main
 from loco_mjx.cli.parse import parse
 from loco_mjx.errors import UserError
+from tests.refusals import refusal, says
 
 
 @dataclass(frozen=True)
@@ -58,20 +59,20 @@ def test_defaults_come_from_the_instance_given():
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (("--count", "many"), ("--count", "many")),
-        (("--count",), ("--count",)),
-        (("--inner.sizes", "1"), ("--inner.sizes",)),
-        (("--side", "3"), ("--side", "1", "2")),
-        (("stray",), ("stray",)),
-        (("--count", "1", "2"), ("2",)),
-        (("--tsk", "thin"), ("--tsk", "--task")),
-        (("--inner.learnin-rate", "3"), ("--inner.learning-rate",)),
-        (("--learning-rate", "3"), ("--inner.learning-rate",)),  # a key without its group
+        (("--count", "many"), "--count many"),
+        (("--count",), "--count"),
+        (("--inner.sizes", "1"), "--inner.sizes"),
+        (("--side", "3"), "--side 1 2"),
+        (("stray",), "stray"),
+        (("--count", "1", "2"), "2"),
+        (("--tsk", "thin"), "--tsk --task"),
+        (("--inner.learnin-rate", "3"), "--inner.learning-rate"),
+        (("--learning-rate", "3"), "--inner.learning-rate"),  # a key without its group
     ],
 )
 def test_what_is_wrong_is_named(args, words, complaint):
     said = complaint(*args)
-    assert all(word in said for word in words), said
+    assert says(said, words), said
 
 
 def test_help_is_printed_and_is_no_error(capsys):
@@ -84,16 +85,16 @@ def test_help_is_printed_and_is_no_error(capsys):
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (("--task", "thin", "--task", "wide"), ("--task is given twice, as 'thin' and as 'wide'", "accepted: once")),
-        (("--task=thin", "--task", "wide"), ("--task is given twice",)),
-        (("--inner.sizes", "1", "2", "--json", "--inner.sizes", "1", "3"), ("'1 2'", "'1 3'")),
-        (("--inner.learning_rate=1", "--inner.learning-rate=2"), ("--inner.learning-rate is given twice",)),
-        (("--count", "-1", "--count", "-2"), ("'-1'", "'-2'")),
+        (("--task", "thin", "--task", "wide"), "--task twice thin wide"),
+        (("--task=thin", "--task", "wide"), "--task twice"),
+        (("--inner.sizes", "1", "2", "--json", "--inner.sizes", "1", "3"), "--inner.sizes twice '1 2' '1 3'"),
+        (("--inner.learning_rate=1", "--inner.learning-rate=2"), "--inner.learning-rate twice 1 2"),
+        (("--count", "-1", "--count", "-2"), "--count twice -1 -2"),
     ],
 )
 def test_an_option_given_twice_with_different_values_is_refused(args, words, complaint):
     said = complaint(*args)
-    assert all(word in said for word in words), said
+    assert says(said, words), said
 
 
 def test_an_option_may_be_repeated():
@@ -110,7 +111,7 @@ class Placed:
 
 def test_a_free_word_is_no_value_of_the_option_before_it():
     assert parse(Placed, ["--count", "2", "run", "--count", "2"], "loco-mjx do") == Placed("run", 2)
-    with pytest.raises(UserError, match="--count is given twice"):
+    with refusal("--count twice 2 3"):
         parse(Placed, ["--count", "2", "run", "--count", "3"], "loco-mjx do")
 
 

@@ -11,7 +11,7 @@ import pytest
 from loco_mjx.cli import train
 from loco_mjx.cli.main import main
 from loco_mjx.run import checkpoint, progress, start
-from tests.refusals import clear
+from tests.refusals import clear, says
 from tests.run.tiny import Interrupted, Wordy, file_limit, tiny_trainer
 
 SMALL = [
@@ -44,47 +44,44 @@ def refused(capsys, *args):
 
 
 BAD = {
-    "verb": (["trian"], ["'trian'", "'train'", "evaluate"]),
-    "task": (["train", "--task", "thinn"], ["task 'thinn'", "'thin'", "mountain"]),
-    "policy": (["train", "--policy", "loco-tranformer"], ["policy", "'loco-transformer'", "state-only"]),
-    "preset": (["train", "--preset", "papr"], ["preset 'papr'", "'paper'", "fast"]),
-    "preset=": (["train", "--preset=papr"], ["preset 'papr'", "'paper'", "fast"]),
-    "option": (["train", "--sed", "3"], ["--sed,", "--seed "]),
-    "key": (["train", "--ppo.clipp", "3"], ["--ppo.clipp", "--ppo.clip "]),
-    "value": (["train", "--seed", "x"], ["--seed", "x"]),
-    "seed": (["train", "--seed", "99999999999999999999"], ["seed is 99999999999999999999", "2147483647"]),
-    "minibatch": ([*without("--ppo.minibatch"), "--ppo.minibatch", "5"], ["ppo.minibatch 5", "32 samples"]),
-    "none": ([*without("--num-envs"), "--num-envs", "0"], ["num-envs is 0", "1 to 1048576"]),
-    "negative": ([*without("--total-steps"), "--total-steps", "-5"], ["total-steps is -5", "1 to 2000000000"]),
-    "tokens": (["train", "--network.tokens-per-side", "3"], ["--network.tokens-per-side", "'3'"]),
-    "two tasks": (["train", "--task", "thin", "--env.task", "wide"], ["--task is thin", "--env.task is wide"]),
-    "controller": (["train", "--controller", "mcp"], ["unknown controller 'mcp'", "'mpc'"]),
+    "verb": (["trian"], "trian train evaluate"),
+    "task": (["train", "--task", "thinn"], "task thinn thin mountain"),
+    "policy": (["train", "--policy", "loco-tranformer"], "policy loco-tranformer loco-transformer state-only"),
+    "preset": (["train", "--preset", "papr"], "preset papr paper fast"),
+    "preset=": (["train", "--preset=papr"], "preset papr paper fast"),
+    "option": (["train", "--sed", "3"], "--sed --seed"),
+    "key": (["train", "--ppo.clipp", "3"], "--ppo.clipp --ppo.clip"),
+    "value": (["train", "--seed", "x"], "--seed x"),
+    "seed": (["train", "--seed", "99999999999999999999"], "seed 99999999999999999999 2147483647"),
+    "minibatch": ([*without("--ppo.minibatch"), "--ppo.minibatch", "5"], "ppo.minibatch 5 32"),
+    "none": ([*without("--num-envs"), "--num-envs", "0"], "num-envs 0 1 1048576"),
+    "negative": ([*without("--total-steps"), "--total-steps", "-5"], "total-steps -5 1 2000000000"),
+    "tokens": (["train", "--network.tokens-per-side", "3"], "--network.tokens-per-side 3"),
+    "two tasks": (["train", "--task", "thin", "--env.task", "wide"], "--task thin --env.task wide"),
+    "controller": (["train", "--controller", "mcp"], "controller mcp mpc pd"),
     "two controllers": (
         ["train", "--controller", "pd", "--env.controller", "mpc"],
-        ["--controller is pd", "--env.controller is mpc"],
+        "--controller pd --env.controller mpc",
     ),
     "last action": (
         ["train", "--controller", "mpc", "--env.observation.last-action", "True"],
-        ["env.observation.last_action is True", "accepted: False"],
+        "env.observation.last_action True mpc False",
     ),
-    "two sizes": ([*RUN, "--ppo.num-envs", "8"], ["--num-envs is 4", "--ppo.num-envs is 8"]),
-    "two totals": ([*RUN, "--ppo.total_steps=8"], ["--total-steps is 192", "--ppo.total-steps is 8"]),
-    "two presets": (["train", "--preset", "fast", "--preset", "paper"], ["--preset", "twice", "'fast'", "'paper'"]),
-    "two seeds": ([*RUN, "--seed", "1", "--seeds", "1-2"], ["--seed and --seeds"]),
-    "no depth": (
-        ["train", "--preset", "fast", "--env.observation.depth.enabled", "False"],
-        ["depth", "loco-transformer"],
-    ),
-    "file": ([*RUN, "--out", "/dev/null"], ["/dev/null is a file"]),
-    "access": ([*RUN, "--out", "/proc/run"], ["cannot write /proc/run"]),
-    "below a file": ([*RUN, "--out", "/dev/null/run"], ["cannot write /dev/null/run"]),
+    "two sizes": ([*RUN, "--ppo.num-envs", "8"], "--num-envs 4 --ppo.num-envs 8"),
+    "two totals": ([*RUN, "--ppo.total_steps=8"], "--total-steps 192 --ppo.total-steps 8"),
+    "two presets": (["train", "--preset", "fast", "--preset", "paper"], "--preset twice fast paper"),
+    "two seeds": ([*RUN, "--seed", "1", "--seeds", "1-2"], "--seed --seeds"),
+    "no depth": (["train", "--preset", "fast", "--env.observation.depth.enabled", "False"], "depth loco-transformer"),
+    "file": ([*RUN, "--out", "/dev/null"], "/dev/null file"),
+    "access": ([*RUN, "--out", "/proc/run"], "/proc/run"),
+    "below a file": ([*RUN, "--out", "/dev/null/run"], "/dev/null/run"),
 }
 
 
 @pytest.mark.parametrize(("args", "words"), BAD.values(), ids=BAD.keys())
 def test_a_mistake_is_named_and_nothing_is_written(args, words, capsys, tmp_path):
     said = refused(capsys, *args)
-    assert all(word in said for word in words), said
+    assert says(said, words), said
     assert list(tmp_path.iterdir()) == []
 
 
@@ -108,7 +105,7 @@ def test_a_directory_of_another_run_is_left_alone(capsys, tmp_path):
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     capsys.readouterr()
     said = refused(capsys, *RUN, "--out", "run", "--env.reward.alive", "0.5")
-    assert "env.reward.alive is 0.1, asked for 0.5" in said
+    assert says(said, "env.reward.alive 0.1 0.5"), said
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
@@ -124,12 +121,12 @@ def _loop(path):
 REFUSED = {
     "checkpoints": (
         lambda run: [_cut(path) for path in run.glob("checkpoints/*/manifest.json")],
-        "no whole checkpoint",
+        "manifest.json checkpoints",
     ),
-    "states": (lambda run: [_cut(path) for path in run.glob("checkpoints/*/state/_METADATA")], "no whole checkpoint"),
-    "loop": (lambda run: _loop(run / "checkpoints"), "checkpoints: Too many levels of symbolic links"),
-    "lock": (lambda run: _loop(run / "lock"), "lock is a symbolic link"),
-    "curves": (lambda run: ((run / "metrics.csv").unlink(), (run / "metrics.csv").mkdir()), "metrics.csv: Is a dir"),
+    "states": (lambda run: [_cut(path) for path in run.glob("checkpoints/*/state/_METADATA")], "_METADATA checkpoints"),
+    "loop": (lambda run: _loop(run / "checkpoints"), "checkpoints links"),
+    "lock": (lambda run: _loop(run / "lock"), "lock link"),
+    "curves": (lambda run: ((run / "metrics.csv").unlink(), (run / "metrics.csv").mkdir()), "metrics.csv directory"),
 }
 
 
@@ -139,7 +136,8 @@ def test_what_cannot_go_on_is_one_line_and_nothing_is_written(harm, words, capsy
     harm(tmp_path / "run")
     before = {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")}
     capsys.readouterr()
-    assert words in refused(capsys, *RUN, "--out", "run")
+    said = refused(capsys, *RUN, "--out", "run")
+    assert says(said, words), said
     assert {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")} == before
 
 
@@ -152,7 +150,7 @@ def test_ctrl_c_saves_says_how_to_go_on_and_that_ends_like_an_uninterrupted_run(
         capsys.readouterr()
         assert main([*RUN, "--out", "parts"]) == 130
     last = capsys.readouterr().out.splitlines()[-1]
-    assert last == "saved at 96 samples; to go on: /somewhere/loco-mjx " + " ".join([*RUN, "--out", "parts"])
+    assert says(last, "96") and last.endswith("/somewhere/loco-mjx " + " ".join([*RUN, "--out", "parts"]))
 
     assert main(last.partition("loco-mjx ")[2].split()) == 0
     states = []
@@ -174,7 +172,8 @@ def test_ctrl_c_is_one_line_whatever_a_library_makes_of_it(capsys, monkeypatch, 
 
     monkeypatch.setattr(start, "build", build)
     assert main([*RUN, "--out", "run"]) == 130
-    assert capsys.readouterr().err == "loco-mjx: stopped\n"
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("loco-mjx: ") and "library" not in line
     assert list(tmp_path.iterdir()) == []
 
 
@@ -187,7 +186,7 @@ def test_a_reader_that_leaves_is_told_on_stderr_how_to_go_on(capsys, tmp_path, m
         assert main([*RUN, "--out", "run"]) == 128 + signal.SIGPIPE
     assert checkpoint.steps(tmp_path / "run")[0] == 96
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("loco-mjx: saved at 96 samples; to go on: ")
+    assert line.startswith("loco-mjx: ") and says(line, "96") and line.endswith(" ".join([*RUN, "--out", "run"]))
 
 
 def test_a_full_disk_is_one_line_and_exit_code_1_and_the_same_command_goes_on(capsys, monkeypatch):
@@ -196,18 +195,18 @@ def test_a_full_disk_is_one_line_and_exit_code_1_and_the_same_command_goes_on(ca
     with file_limit(60_000):
         assert main(command) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("loco-mjx: cannot write run: ") and "saved at" in line
+    assert line.startswith("loco-mjx: ") and says(line, "run larger saved")
     assert main(command) == 0
-    assert "finished: 384 samples" in capsys.readouterr().out
+    assert says(capsys.readouterr().out, "finished 384")
 
 
 def test_a_finished_run_says_so_and_can_be_extended(capsys, tmp_path):
     assert main(RUN) == 0
-    assert "finished: 192 samples" in capsys.readouterr().out
+    assert says(capsys.readouterr().out, "finished 192")
     assert main(RUN) == 0
-    assert "is finished" in capsys.readouterr().out
+    assert says(capsys.readouterr().out, "finished")
     assert main([*RUN[:-1], "256"]) == 0
-    assert "resuming at 192 samples" in capsys.readouterr().out
+    assert says(capsys.readouterr().out, "resuming 192")
     folder = tmp_path / "runs" / "thin" / "state-only" / "seed0"
     assert checkpoint.steps(folder)[0] == 256
     info = json.loads((folder / "info.json").read_text())
@@ -226,11 +225,10 @@ def test_a_run_whose_last_checkpoint_is_not_whole_is_not_finished(harm, capsys, 
         shutil.rmtree(last)
         last.mkdir()
     else:
-        last.rename(checkpoint.path_of(tmp_path / "run", 256))
+        last = last.rename(checkpoint.path_of(tmp_path / "run", 256))
     capsys.readouterr()
     assert main([*longer, "--out", "run"]) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "going on from the one before it, at 96 samples" in said and "finished: " in said
+    assert says(capsys.readouterr().out, f"{last.name} 96 finished")
     assert checkpoint.whole_steps(tmp_path / "run", print)[0] == int(longer[-1])
 
 
@@ -238,7 +236,7 @@ def test_a_run_is_resumed_to_its_own_length_where_none_is_given(capsys, tmp_path
     assert main(RUN) == 0
     capsys.readouterr()
     assert main(RUN[:-2]) == 0
-    assert "is finished" in capsys.readouterr().out
+    assert says(capsys.readouterr().out, "finished")
 
 
 def test_the_policy_decides_whether_depth_is_rendered():
@@ -264,7 +262,7 @@ def test_a_teacher_is_trained_first_and_its_run_is_where_the_policys_is(monkeypa
     assert teacher.policy == "privileged" and teacher.ppo.total_steps == 2 * 192
     assert student.policy == "state-only" and student.method == "distill" and student.network.critic == "privileged"
     assert main(command) == 0 and len(built) == 2
-    assert "is finished" in capsys.readouterr().out
+    assert says(capsys.readouterr().out, "finished")
     assert main([*command[:-2], "--seeds", "0-1"]) == 2
 
 
@@ -290,9 +288,9 @@ def test_without_a_budget_a_cpu_gets_one_of_minutes_and_is_told_what_all_would_t
     total = train.default_total(config)
     assert total < config.ppo.total_steps and total % 100_000 == 0
     said = capsys.readouterr().out
-    assert f"{total:,}" in said and "15,000,000 would take" in said
+    assert says(said, f"{total:,} 15,000,000")
     assert train.default_total(config, seeds=5) == pytest.approx(total / 5, abs=50_000)
-    assert "of each seed, about 20 min" in capsys.readouterr().out
+    assert says(capsys.readouterr().out, "seed 20")
     taught = train.configuration(train.read(["--method", "distill"]))
     # By hand: 1/400 s for a sample, 4/2300 s for the teacher's four: 20 minutes of two cores are 566,000 samples.
     assert train.default_total(taught) == 600_000
@@ -303,5 +301,4 @@ def test_without_a_budget_a_cpu_gets_one_of_minutes_and_is_told_what_all_would_t
 def test_the_start_shows_what_is_observed_rewarded_and_how_large_it_is(capsys):
     assert main(RUN) == 0
     page = capsys.readouterr().out
-    for word in ("state: imu", "93", "forward", "parameters", "4 × 8"):
-        assert word in page
+    assert says(page, "imu 93 forward parameters 4 8")

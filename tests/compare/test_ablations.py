@@ -15,6 +15,7 @@ from loco_mjx.compare.cells import PROGRAM, Plan
 from loco_mjx.config import flatten, to_dict
 from loco_mjx.depth.encoding import encode
 from loco_mjx.env import LocoEnv
+from loco_mjx.env.action import joint_scale, to_offsets
 from loco_mjx.networks.policies import make_networks
 from loco_mjx.run.results import variant_of
 from loco_mjx.run.variant import parse_variant
@@ -129,7 +130,7 @@ def test_a_sweep_and_the_papers_table_know_an_ablation_by_its_configuration(chan
 def test_diagonal_actions_move_diagonal_legs_alike():
     env = LocoEnv(config_of(f"{PLAIN}+env.action.diagonal=True").env)
     assert env.action_size == 6
-    command = env._command(jp.arange(1.0, 7.0) / 10) / jp.tile(jp.array(env.config.action.scale), 4)
+    command = to_offsets(jp.arange(1.0, 7.0) / 10, env.config) / joint_scale(env.config.action)
     right, left = [0.1, 0.2, 0.3], [0.4, 0.5, 0.6]
     np.testing.assert_allclose(command, [*right, *left, *left, *right], rtol=1e-5)  # FR, FL, RR, RL
 

@@ -7,6 +7,11 @@ import numpy as np
 import pytest
 
 from experiments import high_level_section
+from loco_mjx.cli import train
+from loco_mjx.compare.cells import Plan
+from loco_mjx.config import flatten, to_dict
+from loco_mjx.run.results import variant_of
+from loco_mjx.run.variant import parse_variant
 from loco_mjx.scene import mjcf
 from loco_mjx.scene.tasks import get_task
 from tests.known_robots import A1
@@ -33,6 +38,17 @@ def test_a_collision_is_a_contact_after_a_while_without_any():
     assert stay(free, 0.1) == 0
     assert stay(at_post, 0.1) == 1 and stay(free, 0.5 * APART) == 1 and stay(at_post, 0.1) == 1
     assert stay(free, 1.1 * APART) == 1 and stay(at_post, 0.1) == 2
+
+
+@pytest.mark.parametrize("text", ["visual-cnn+controller=mpc", "visual-cnn+layers=1+env.controller=mpc"])
+def test_a_sweep_knows_a_controller_without_what_comes_with_it(text, tmp_path):
+    variant = parse_variant(text)
+    (cell,) = Plan(tmp_path, total_steps=4096).group("thin", variant, [0]).values()
+    flat = flatten(to_dict(cell.config))
+    assert set(variant_of(flat).label.split("+")) == {part.removeprefix("env.") for part in text.split("+")}
+    assert variant.matches(flat) and not parse_variant("visual-cnn").matches(flat)
+    words = cell.train_command()
+    assert train.configuration(train.read(words[words.index("train") + 1 :])) == cell.config
 
 
 def written(folder):

@@ -64,7 +64,8 @@ def manifest(hold: int = 1) -> folder.Manifest:
 
 
 @cache
-def _xml() -> str:
+def xml() -> str:
+    """The scene below, as MJCF."""
     spec = mujoco.MjSpec.from_file(str(A1.path))
     seen = {"contype": 2, "conaffinity": 1, "group": 2}
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], **seen)
@@ -79,7 +80,7 @@ def _xml() -> str:
 
 def model() -> mujoco.MjModel:
     """The A1 on a plane, a wall 3 m ahead of the origin, a sphere to collect above it."""
-    return mujoco.MjModel.from_xml_string(_xml())
+    return mujoco.MjModel.from_xml_string(xml())
 
 
 def still(obs: dict[str, np.ndarray]) -> np.ndarray:

@@ -17,9 +17,9 @@ import pytest
 from loco_mjx.cli.main import main
 from loco_mjx.deploy.a1_robot import NO_POSITION, A1Robot
 from loco_mjx.deploy.robot import RobotError
-from loco_mjx.errors import UserError
 from tests.deploy import flat
 from tests.known_robots import A1
+from tests.refusals import refusal, says
 
 ANGLES = np.array(A1.default_pose) + 0.01 * np.arange(12)
 
@@ -29,6 +29,7 @@ class Udp:
 
     def __init__(self, *address):
         self.address, self.sent, self.times, self.ticks, self.mute = address, [], [], 0, False
+        self.pressed = None  # on the feet's sensors, where there are some
         Udp.last = self
 
     def InitCmdData(self, command):  # noqa: N802
@@ -51,6 +52,8 @@ class Udp:
         if self.ticks:
             for i, motor in enumerate(state.motorState[:12]):
                 motor.q, motor.dq = float(ANGLES[i]), 0.1 * i
+            if self.pressed is not None:
+                state.footForce = self.pressed
             state.imu = SimpleNamespace(quaternion=[0.8, 0.6, 0.0, 0.0], gyroscope=[0.1, 0.2, 0.3])
 
 
@@ -98,7 +101,7 @@ def test_measurements(sdk):
 def test_feet_touch_when_their_sensors_are_pressed(sdk):
     robot = A1Robot(None)
     assert robot.read().feet is None  # a binding without foot sensors
-    robot._state.footForce = [0, 19, 21, 150]
+    Udp.last.pressed = [0, 19, 21, 150]
     assert robot.read().feet.tolist() == [False, False, True, True]
 
 
@@ -144,13 +147,13 @@ def test_a_robot_that_falls_silent_grows_old(sdk):
 def test_a_robot_that_does_not_answer_is_not_commanded(sdk, monkeypatch):
     monkeypatch.setattr("loco_mjx.deploy.a1_robot.CONNECT", 0.05)
     monkeypatch.setattr(Udp, "Send", lambda self: None)
-    with pytest.raises(UserError, match="does not answer"):
+    with refusal("robot answer network"):
         A1Robot(None)
     assert all(motor[3] == 0.0 for packet in Udp.last.sent for motor in packet)
 
 
 def test_there_is_no_depth_without_a_camera(sdk):
-    with pytest.raises(RobotError, match="no camera"):
+    with refusal("camera", RobotError):
         A1Robot(None).depth()
 
 
@@ -158,17 +161,17 @@ def test_policies_it_cannot_feed_are_refused_before_it_is_spoken_to(sdk, tmp_pat
     Udp.last = None
     flat.write(tmp_path)
     assert main(["deploy", str(tmp_path), "--robot", "a1"]) == 2
-    assert "--env.observation.displacement False" in capsys.readouterr().err
+    assert says(capsys.readouterr().err, "displacement --env.observation.displacement False")
     goal = flat.raw(displacement=False, goal=True)
     flat.write(tmp_path, {name: part for name, part in goal.items() if name != "files"})
     assert main(["deploy", str(tmp_path), "--robot", "a1"]) == 2
-    assert "--env.observation.goal False" in capsys.readouterr().err
+    assert says(capsys.readouterr().err, "goal --env.observation.goal False")
     assert Udp.last is None
 
 
 def test_without_the_sdk(monkeypatch):
     monkeypatch.setitem(sys.modules, "robot_interface", None)
-    with pytest.raises(UserError, match="unitree_legged_sdk"):
+    with refusal("unitree_legged_sdk"):
         A1Robot(None)
 
 
@@ -188,7 +191,7 @@ def test_a_second_runner_is_refused_until_the_first_is_dead(sdk, tmp_path):
     words = [sys.executable, "-c", HOLDER, str(tmp_path)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as first:
         assert first.stdout.readline() == "held\n"
-        with pytest.raises(UserError, match="another runner has the robot"):
+        with refusal("another robot locked"):
             A1Robot(None)
         assert Udp.last is None  # its motors did not go limp
         first.kill()

@@ -9,10 +9,10 @@ import pytest
 
 from loco_mjx.cli.main import main
 from loco_mjx.deploy.safety import Cause, Guard, Limits, Stop
-from loco_mjx.errors import UserError
 from tests.deploy import flat
 from tests.deploy.faulty import FAULT, Clock, Faulty, lies
 from tests.deploy.test_safety import stopped
+from tests.refusals import refusal, says
 
 JOINTS = ("angles", "velocities")
 JUMPS = {"back": lambda t: t - 1.0, "no number": lambda t: math.nan, "still": lambda t: FAULT}
@@ -47,7 +47,7 @@ def test_measurements_that_stand_still(names):
 
     robot = Faulty(sensors=freeze)
     record = stopped(robot, Cause.STALE_SENSORS, limits=Limits(frozen=0.2))
-    assert "not changed" in record.detail and lies(robot)
+    assert says(record.detail, "joints" if "angles" in names else "orientation") and lies(robot)
 
 
 def test_one_encoder_that_stands_still_while_the_others_go_on():
@@ -63,7 +63,7 @@ def test_one_encoder_that_stands_still_while_the_others_go_on():
 
     robot = Faulty(sensors=stick)
     record = stopped(robot, Cause.STALE_SENSORS, policy=sway, limits=Limits(frozen=0.2))
-    assert "FL_calf_joint has not changed" in record.detail and lies(robot)
+    assert says(record.detail, "FL_calf_joint") and lies(robot)
     assert flat.runner(Faulty(), policy=sway, limits=Limits(frozen=0.2)).run(1.0).cause is None
 
 
@@ -71,7 +71,7 @@ def test_a_joint_that_is_to_stay_may_measure_the_same():
     guard, sensors = Guard(flat.manifest(), Limits()), Faulty(lying=False).read()
     for tick in range(20):
         guard.clamp(sensors.angles, replace(sensors, time=0.1 * tick), 40.0, 0.6)
-    with pytest.raises(Stop, match="its target has"):
+    with refusal("target", Stop):
         guard.clamp(sensors.angles + 0.06, sensors=replace(sensors, time=2.0), kp=40.0, kd=0.6)
 
 
@@ -83,7 +83,7 @@ def test_images_that_stand_still():
         return replace(frame, depth=kept[0].depth)
 
     record = stopped(Faulty(frame=freeze), Cause.STALE_CAMERA, limits=Limits(frozen=0.1))
-    assert "not changed" in record.detail
+    assert says(record.detail, "image")
 
 
 def test_nothing_in_sight_may_stay_so():
@@ -94,13 +94,13 @@ def test_nothing_in_sight_may_stay_so():
 @pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0])
 @pytest.mark.parametrize("name", ["min_up", "joint_margin", "saturated", "sensor_age", "frame_age", "frozen"])
 def test_limits_that_are_none(name, value, capsys):
-    with pytest.raises(UserError, match=rf"limits\.{name} is"):
+    with refusal(f"limits.{name} {value}"):
         flat.runner(Faulty(), limits=Limits(**{name: value}))
     assert main(["deploy", "policy", f"--limits.{name.replace('_', '-')}", str(value)]) == 2
     shown = capsys.readouterr()
-    assert f"limits.{name} is" in shown.err and len(shown.err.splitlines()) == 1
+    assert says(shown.err, f"limits.{name} {value}") and len(shown.err.splitlines()) == 1
 
 
 def test_an_upright_that_cannot_be():
-    with pytest.raises(UserError, match="less than 1"):
+    with refusal("limits.min_up 1.0 1"):
         flat.runner(Faulty(), limits=Limits(min_up=1.0))

@@ -16,6 +16,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.robots import joint_names
 from tests.deploy import flat
 from tests.known_robots import A1
+from tests.refusals import refusal, says
 
 # What is said for people, and what another run may have otherwise.
 FREE = {"meaning", "depth", "order", "versions", "samples", "sha256", "evaluation"}
@@ -83,45 +84,44 @@ def test_a_change_that_does_not_change_the_hash_is_found(policy, manifest):
     for path in (("training", "samples"), ("versions", "loco-mjx"), ("outputs", "targets", "meaning")):
         value = reduce(lambda node, key: node[key], path, manifest)
         other = changed(manifest, path, value + 1 if isinstance(value, int) else value + " ")
-        assert "its hash is another" in refused(policy, other, seal=False)
-    assert "'sha256' is a required property" in refused(
-        policy, {key: value for key, value in manifest.items() if key != "sha256"}, seal=False
-    )
+        assert says(refused(policy, other, seal=False), f"{folder.MANIFEST} hash")
+    bare = {key: value for key, value in manifest.items() if key != "sha256"}
+    assert says(refused(policy, bare, seal=False), "sha256")
 
 
 PERMUTED = [*joint_names()[3:6], *joint_names()[:3], *joint_names()[6:]]
 WRONG = {
-    "permuted joints": (("joints", "order"), PERMUTED, "joints.order is"),
-    "no limits": (("joints", "upper"), [1e9] * 12, "joints.upper is [1000000000.0"),
-    "wide limits": (("joints", "lower"), [-1e9] * 12, "joints.lower is [-1000000000.0"),
-    "another pose": (("joints", "default_pose"), [0.1, 0.9, -1.8] * 4, "joints.default_pose is [0.1"),
-    "torque": (("joints", "torque_limit"), 1e9, "joints.torque_limit is 1000000000.0; accepted: 33.5"),
-    "commands": (("rates", "pd_hz"), 50, "rates.pd_hz is 50; accepted: 400"),
-    "ticks": (("rates", "policy_hz"), 50, "rates.policy_hz is 50; accepted: 25"),
-    "gains": (("gains", "kp"), 80.0, "gains.kp is 80.0; accepted, for its configuration: 40.0"),
-    "wild gains": (("gains", "kd"), 1e9, "gains.kd is 1000000000.0; accepted: maximum 50"),
-    "unit": (("gains", "unit"), "N·m/°", "gains.unit is"),
-    "hold": (("hold",), 3, "hold is 3; accepted: 1 or the configuration's 1"),
-    "field's place": (("inputs", "state", "fields", 1, "offset"), 8, "inputs.state.fields.1.offset is 8; accepted"),
-    "length": (("inputs", "state", "shape"), [84], "inputs.state.shape.0 is 84; accepted, for its configuration: 93"),
-    "camera": (("inputs", "depth", "camera", "far"), 5.0, "inputs.depth.camera.far is 5.0; accepted"),
-    "camera's place": (("inputs", "depth", "camera", "offset"), 0.5, "camera.offset is 0.5; accepted: 0.2309"),
-    "encoding": (("inputs", "depth", "encoding"), "d", "inputs.depth.encoding is"),
-    "no inputs": (("inputs",), {}, "inputs is {}; accepted: minProperties 1"),
-    "scale": (("action", "scale"), [3.0, 3.0, 3.0], "action.scale.0 is 3.0"),
-    "latency": (("latency", "trained_with"), [0.0, 0.04], "latency.trained_with.1 is 0.04"),
-    "task": (("training", "task"), "wide", "training.task is"),
-    "no key": (("config", "env", "weather"), "fine", "no keys ['weather']"),
-    "no number": (("config", "env", "kp"), "much", "env.kp is 'much'"),
+    "permuted joints": (("joints", "order"), PERMUTED, "joints.order"),
+    "no limits": (("joints", "upper"), [1e9] * 12, "joints.upper [1000000000.0"),
+    "wide limits": (("joints", "lower"), [-1e9] * 12, "joints.lower [-1000000000.0"),
+    "another pose": (("joints", "default_pose"), [0.1, 0.9, -1.8] * 4, "joints.default_pose [0.1"),
+    "torque": (("joints", "torque_limit"), 1e9, "joints.torque_limit 1000000000.0 33.5"),
+    "commands": (("rates", "pd_hz"), 50, "rates.pd_hz 50 400"),
+    "ticks": (("rates", "policy_hz"), 50, "rates.policy_hz 50 25"),
+    "gains": (("gains", "kp"), 80.0, "gains.kp 80.0 40.0"),
+    "wild gains": (("gains", "kd"), 1e9, "gains.kd 1000000000.0 50"),
+    "unit": (("gains", "unit"), "N·m/°", "gains.unit N·m/°"),
+    "hold": (("hold",), 3, "hold 3 1"),
+    "field's place": (("inputs", "state", "fields", 1, "offset"), 8, "inputs.state.fields.1.offset 8"),
+    "length": (("inputs", "state", "shape"), [84], "inputs.state.shape.0 84 93"),
+    "camera": (("inputs", "depth", "camera", "far"), 5.0, "inputs.depth.camera.far 5.0"),
+    "camera's place": (("inputs", "depth", "camera", "offset"), 0.5, "inputs.depth.camera.offset 0.5 0.2309"),
+    "encoding": (("inputs", "depth", "encoding"), "d", "inputs.depth.encoding"),
+    "no inputs": (("inputs",), {}, "inputs {} 1"),
+    "scale": (("action", "scale"), [3.0, 3.0, 3.0], "action.scale.0 3.0"),
+    "latency": (("latency", "trained_with"), [0.0, 0.04], "latency.trained_with.1 0.04"),
+    "task": (("training", "task"), "wide", "training.task wide"),
+    "no key": (("config", "env", "weather"), "fine", "weather"),
+    "no number": (("config", "env", "kp"), "much", "env.kp much"),
     "another configuration": (("config", "seed"), 4, "config_hash"),
-    "unknown": (("safety",), "off", "'safety' was unexpected"),
-    "unknown inside": (("joints", "offset"), 1.0, "joints: Additional properties are not allowed"),
+    "unknown": (("safety",), "off", "safety"),
+    "unknown inside": (("joints", "offset"), 1.0, "joints offset"),
 }
 
 
 @pytest.mark.parametrize(("path", "value", "said"), WRONG.values(), ids=WRONG.keys())
 def test_what_is_wrong_is_named(path, value, said, policy, manifest):
-    assert said in refused(policy, changed(manifest, path, value))
+    assert says(refused(policy, changed(manifest, path, value)), said)
 
 
 def test_everything_that_is_written_has_to_be_there(policy, manifest):
@@ -137,19 +137,19 @@ def test_everything_that_is_written_has_to_be_there(policy, manifest):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('"torque_limit": 33.5', '"torque_limit": Infinity', "Infinity is no number"),
-        ('"torque_limit": 33.5', '"torque_limit": 1e999', "1e999 is too large"),
-        ('"kd": 0.6', '"kd": NaN', "NaN is no number"),
-        ('"torque_limit": 33.5', '"torque_limit": 33.5, "torque_limit": 1', "'torque_limit' is there twice"),
-        ('"config": {', '"config": ' + "[" * 100_000, "nested too deeply"),
-        ('"config": {', '"config": \udcff{', "cannot be read"),
+        ('"torque_limit": 33.5', '"torque_limit": Infinity', "Infinity"),
+        ('"torque_limit": 33.5', '"torque_limit": 1e999', "1e999"),
+        ('"kd": 0.6', '"kd": NaN', "NaN"),
+        ('"torque_limit": 33.5', '"torque_limit": 33.5, "torque_limit": 1', "torque_limit twice"),
+        ('"config": {', '"config": ' + "[" * 100_000, "nested"),
+        ('"config": {', '"config": \udcff{', "decode"),
     ],
 )
 def test_what_is_no_json_of_ours(old, new, said, policy, manifest):
     text = (policy / folder.MANIFEST).read_text()
     assert old in text
     (policy / folder.MANIFEST).write_bytes(text.replace(old, new).encode(errors="surrogateescape"))
-    with pytest.raises(UserError, match=said):
+    with refusal(f"{policy / folder.MANIFEST} {said}"):
         folder.read(policy)
 
 
@@ -164,7 +164,7 @@ def test_a_file_beside_the_network_is_checked_where_there_is_one(policy, manifes
     flat.write_manifest(policy, {key: value for key, value in described.items() if key != "sha256"})
     assert folder.read(policy).policy == "made up"
     (policy / folder.PARAMETERS).write_bytes(b"other parameters")
-    assert "policy.npz is not the file" in refused(policy, described)
+    assert says(refused(policy, described), f"{policy / folder.PARAMETERS} {folder.MANIFEST}")
     (policy / folder.PARAMETERS).unlink()
 
 

@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from loco_mjx.deploy.estop import EmergencyStop
 from loco_mjx.deploy.mujoco_robot import Imperfections
 from loco_mjx.deploy.robot import RobotError
-from loco_mjx.deploy.safety import Cause, EmergencyStop, Guard, Limits, Stop
+from loco_mjx.deploy.safety import Cause, Guard, Limits, Stop
 from loco_mjx.errors import UserError
 from tests.deploy import flat
 from tests.deploy.faulty import FAULT, Faulty, lies
 from tests.known_robots import A1
+from tests.refusals import refusal, says
 
 
 def stopped(robot, cause, **more):
@@ -64,7 +66,7 @@ def test_an_action_that_is_no_number():
 def test_an_exception_of_the_policy_is_a_fault():
     robot = Faulty()
     record = stopped(robot, Cause.POLICY, policy=lambda obs: 1 / 0 if robot.broken else flat.still(obs))
-    assert record.detail == "ZeroDivisionError: division by zero"
+    assert says(record.detail, "ZeroDivisionError")
     assert lies(robot)
 
 
@@ -119,7 +121,7 @@ def test_a_real_fall_is_noticed():
 def test_dropped_frames_are_borne_until_they_are_too_many():
     robot = Faulty(imperfections=Imperfections(dropped=0.4), seed=1)
     assert flat.runner(robot, limits=Limits(frame_age=0.5)).run(0.4).cause is None
-    with pytest.raises(UserError, match=r"imperfections.frame_latency is 0.5; accepted: 0 to 0.2"):
+    with refusal("imperfections.frame_latency 0.5 0 0.2"):
         Faulty(imperfections=Imperfections(frame_latency=0.5))
     never = Faulty(imperfections=Imperfections(dropped=1.0))
     assert flat.runner(never).run(0.4).cause == Cause.STALE_CAMERA
@@ -155,4 +157,4 @@ def test_never_commanded_before_every_check_has_passed(name):
 
 
 def test_stop_names_its_cause():
-    assert str(Stop(Cause.TILT, "70°")) == "tilt: 70°"
+    assert says(str(Stop(Cause.TILT, "70°")), f"{Cause.TILT} 70°")

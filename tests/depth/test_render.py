@@ -14,7 +14,7 @@ from jax.sharding import PartitionSpec as P
 
 from loco_mjx.config import DepthConfig
 from loco_mjx.depth import primitives
-from loco_mjx.depth.render import _gather, cast_rays, cull, render
+from loco_mjx.depth.render import cast_rays, cull, gather, render
 from loco_mjx.scene.types import Boxes, Cylinders, Scene, Spheres, Terrain
 from tests.known_robots import A1
 
@@ -215,7 +215,7 @@ def test_all_in_view_are_gathered_and_nothing_else(share: float) -> None:
     """Whatever their number, none is left out; they come in the scene's order, and the places after them are void."""
     rng = np.random.default_rng(4)
     center, half, flags = rng.normal(size=(30, 3)), rng.uniform(0.1, 1, (30, 3)), rng.uniform(size=30) < share
-    shapes = _gather(jp.asarray(flags), jp.asarray(center, jp.float32), jp.asarray(half, jp.float32))
+    shapes = gather(jp.asarray(flags), jp.asarray(center, jp.float32), jp.asarray(half, jp.float32))
     rows = np.asarray(shapes.params).reshape(-1, 6)
     assert len(rows) == 32 and shapes.count == flags.sum()
     np.testing.assert_array_equal(rows[: flags.sum()], np.column_stack([center, half])[flags].astype(np.float32))

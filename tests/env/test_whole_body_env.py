@@ -13,11 +13,12 @@ from loco_mjx.deploy import folder
 from loco_mjx.deploy.description import describe
 from loco_mjx.env import LocoEnv, action, autoreset
 from loco_mjx.env.drive import substeps
-from loco_mjx.errors import UserError
+from loco_mjx.run import orbax_trees
 from loco_mjx.scene import mjcf
 from loco_mjx.simcheck.follow import make_follower
 from loco_mjx.simcheck.sides import WatchedRobot
 from tests.known_robots import A1
+from tests.refusals import refusal
 
 HORIZON = 30
 ACTIONS = jp.array([[1.0, 0.0], [0.5, 1.0], [-1.0, 0.0], [5.0, 0.0]])  # the last beyond the limits
@@ -80,6 +81,13 @@ def test_what_the_controller_remembers_ends_with_the_episode(walked):
     assert (ticks[HORIZON + 1] == 0).all() and (ticks[HORIZON + 2] == 10).all()
 
 
+def test_what_the_controller_remembers_is_in_a_checkpoint(walked, tmp_path):
+    state = jax.tree.map(jp.asarray, walked[5])
+    orbax_trees.write_trees(tmp_path, {"training": state})
+    found = orbax_trees.read_tree(tmp_path / "training", jax.tree.map(jp.zeros_like, state))
+    jax.tree.map(np.testing.assert_array_equal, found, state)
+
+
 def test_an_action_and_its_command(env):
     drawn = np.random.default_rng(0).uniform(-1, 1, (5, 2))
     np.testing.assert_allclose(action.scale(env.config), RATES)
@@ -88,7 +96,7 @@ def test_an_action_and_its_command(env):
 
 
 def test_a_robot_without_whole_steps_in_a_tick_is_refused():
-    with pytest.raises(UserError, match=r"physics steps of 0\.003 s; accepted, for controller 'mpc': a whole number"):
+    with refusal("a1 0.003 mpc 0.005"):
         substeps(dataclasses.replace(A1, physics_dt=0.003))
 
 

@@ -7,6 +7,7 @@ from rich.console import Console
 
 from loco_mjx.evaluation import multi_seed, report
 from loco_mjx.evaluation.display import order
+from tests.refusals import says
 
 ZERO = {"mean": 0.0, "std": 0.0}
 METRICS = {
@@ -48,9 +49,9 @@ def test_what_matters_comes_first_and_zeros_only_by_name():
         *("distance, first 16 s", "collisions, first 16 s", "contacts", "reward/alive"),
     ]
     text = page(report.table(RESULT))
-    assert "zero in every episode: spheres, nonfinite, reward/sphere" in text
+    assert says(text, "zero spheres nonfinite reward/sphere")
     (falls,) = [line for line in text.splitlines() if "falls" in line]
-    assert "0.25 of the episodes" in falls and "0.43" in falls
+    assert says(falls, "0.25 0.43")
 
 
 def test_what_a_task_is_about_is_shown_even_at_zero():

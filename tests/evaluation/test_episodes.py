@@ -7,10 +7,10 @@ import pytest
 
 from loco_mjx.config import preset
 from loco_mjx.env.state import State
-from loco_mjx.errors import UserError
 from loco_mjx.evaluation.episodes import EARLY_SECONDS, Evaluator, evaluation_config, means, summarize
 from loco_mjx.networks.outputs import Outputs
 from loco_mjx.ppo import normalizer
+from tests.refusals import refusal
 from tests.run.tiny import mesh
 
 HORIZON = 6
@@ -113,7 +113,7 @@ def test_seeds_give_other_episodes_and_the_same_again():
 
 
 def test_no_episodes_are_refused():
-    with pytest.raises(UserError, match="episodes is 0"):
+    with refusal("episodes 0 1"):
         run(0)
 
 

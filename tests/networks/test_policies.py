@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import NetworkConfig
-from loco_mjx.errors import UnknownNameError, UserError
+from loco_mjx.errors import UnknownNameError
 from loco_mjx.networks.outputs import DEPTH, PRIVILEGED, STATE
 from loco_mjx.networks.policies import make_networks
 from loco_mjx.networks.registry import POLICIES
+from tests.refusals import refusal
 
 SMALL = NetworkConfig(token_dim=16, mlp_dim=32, layers=1, hidden=(32, 24), state_only_hidden=(32, 32, 24, 24))
 
@@ -179,9 +180,9 @@ def test_first_policy_is_the_initial_gaussian_whatever_it_sees(key, policy):
 
 
 def test_mistakes_are_named():
-    with pytest.raises(UnknownNameError, match=r"unknown policy 'loco-transfomer' \(did you mean 'loco-transformer'"):
+    with refusal("policy loco-transfomer loco-transformer", UnknownNameError):
         make_networks("loco-transfomer", SMALL, 12)
-    with pytest.raises(UserError, match=r"tokens_per_side is 3; accepted: 1, 2, 4"):
+    with refusal("network.tokens_per_side 3 1 2 4"):
         make_networks("depth-only", dataclasses.replace(SMALL, tokens_per_side=3), 12)
-    with pytest.raises(UserError, match=r"layers is -1"):
+    with refusal("network.layers -1 0"):
         make_networks("depth-only", dataclasses.replace(SMALL, layers=-1), 12)

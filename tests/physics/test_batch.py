@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from loco_mjx.physics.batch import together
+from tests.refusals import refusal
 
 pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
 
@@ -39,5 +40,5 @@ def test_vmaps_of_one_are_the_batch_whatever_is_mapped():
     ],
 )
 def test_a_result_that_is_not_what_was_declared_is_refused(wrong):
-    with pytest.raises(TypeError, match="declared is"):
+    with refusal("declared", TypeError):
         jax.jit(together(many, wrong))(jp.ones(3), jp.ones(3))

@@ -12,7 +12,6 @@ import pytest
 
 from loco_mjx import config as config_lib
 from loco_mjx.config import Config, DistillConfig
-from loco_mjx.errors import UserError
 from loco_mjx.networks.outputs import PRIVILEGED, STATE
 from loco_mjx.networks.policies import make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
@@ -20,6 +19,7 @@ from loco_mjx.ppo.distill import DistillTrainer, Teacher
 from loco_mjx.ppo.trainer import Trainer
 from loco_mjx.sharding import make_mesh
 from tests.ppo.probes import SignProbe, tiny
+from tests.refusals import refusal
 
 IMITATIONS, ITERATIONS = 24, 26
 
@@ -145,14 +145,14 @@ def test_what_a_run_of_this_method_is_made_of():
 
 @pytest.mark.parametrize(
     ("values", "complaint"),
-    [({"imitation": 1.5}, "imitation is 1.5; accepted: 0 to 1"), ({"minibatch": 48}, "minibatch 48 does not divide")],
+    [({"imitation": 1.5}, "distill.imitation 1.5 0 1"), ({"minibatch": 48}, "distill.minibatch 48")],
 )
 def test_values_that_do_not_fit_are_refused(values, complaint):
     config = dataclasses.replace(_config(), distill=dataclasses.replace(_config().distill, **values))
-    with pytest.raises(UserError, match=complaint):
+    with refusal(complaint):
         config_lib.check(config)
 
 
 def test_whoever_needs_privileged_observations_says_so():
-    with pytest.raises(UserError, match="needs the privileged observation"):
+    with refusal("privileged"):
         Trainer(_config(), SignProbe())

@@ -17,7 +17,7 @@ from loco_mjx.ppo.actor import held_since, policy_input
 from loco_mjx.ppo.rollout import collect
 from loco_mjx.ppo.update import experience
 from tests.ppo.probes import SignProbe
-from tests.ppo.test_rollout import ENVS, STEPS, _Linear
+from tests.ppo.test_rollout import ENVS, STEPS, Linear
 
 HOLD = 4
 
@@ -26,7 +26,7 @@ HOLD = 4
 def held():
     """A window of a probe whose episodes are 5 steps long, collected by a policy that holds its view for 4."""
     env = SignProbe(horizon=5, depth=True, size=8, action_size=2, start_spread=3)
-    networks = Networks(_Linear(), uses_state=True, uses_depth=True, hold=HOLD)
+    networks = Networks(Linear(), uses_state=True, uses_depth=True, hold=HOLD)
     statistics = normalizer_lib.create(2)
 
     def run(key):

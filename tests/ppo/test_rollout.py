@@ -24,7 +24,7 @@ from tests.ppo.probes import BrokenProbe, SignProbe
 ENVS, STEPS = 4, 12
 
 
-class _Linear(nn.Module):
+class Linear(nn.Module):
     """A policy for small images."""
 
     @nn.compact
@@ -38,7 +38,7 @@ class _Linear(nn.Module):
 def rollout():
     """Two windows of a probe with 8×8 images and episodes of 5 steps, and the observations replayed one by one."""
     env = SignProbe(horizon=5, truncates=True, depth=True, size=8, action_size=2, start_spread=3)
-    networks = Networks(_Linear(), uses_state=True, uses_depth=True)
+    networks = Networks(Linear(), uses_state=True, uses_depth=True)
     key = jax.random.PRNGKey(5)
     pool = env.make_pool(key, 16)
     statistics = normalizer_lib.update(normalizer_lib.create(2), jax.random.normal(key, (9, 2)), jp.ones(9))
@@ -127,7 +127,7 @@ def test_metrics_average_ended_episodes_and_taken_steps(rollout):
 
 def test_what_is_not_finite_is_counted_and_kept_out():
     env = BrokenProbe(horizon=30, depth=True, size=8, action_size=2)
-    networks = Networks(_Linear(), uses_state=True, uses_depth=True)
+    networks = Networks(Linear(), uses_state=True, uses_depth=True)
     key = jax.random.PRNGKey(5)
     pool = env.make_pool(key, 4)
 

@@ -7,12 +7,12 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx.errors import UserError
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.actor import Actor
 from loco_mjx.ppo.trainer import Trainer
 from loco_mjx.sharding import make_mesh
 from tests.ppo.probes import BrokenProbe, Probe, tiny
+from tests.refusals import refusal
 
 
 def _mesh(devices):
@@ -54,7 +54,7 @@ def test_same_seed_same_bits_and_one_compilation(two):
     first, second = _train(two, 3), _train(two, 3)
     _assert_equal(first, second)
     assert two.iterate._cache_size() == 1
-    assert two._make_pool._cache_size() == 1
+    assert two.draw_pool._cache_size() == 1
     state, history = first
     assert int(state.iteration) == 3 and int(state.samples) == 3 * 128
     assert not np.array_equal(history[0]["loss/total"], history[1]["loss/total"])
@@ -138,7 +138,7 @@ def test_stochastic_inference_draws_from_the_gaussian(two):
 
 
 def test_sizes_and_senses_must_fit():
-    with pytest.raises(UserError, match="needs depth"):
+    with refusal("loco-transformer depth"):
         Trainer(tiny("loco-transformer"), Probe())
-    with pytest.raises(UserError, match="num_envs 15 does not divide over 2 devices"):
+    with refusal("ppo.num_envs 15 2"):
         Trainer(tiny(num_envs=15, minibatch=30), Probe(), _mesh(2))

@@ -4,8 +4,8 @@ import json
 import pytest
 
 from loco_mjx.config import to_dict
-from loco_mjx.errors import UserError
 from loco_mjx.run import directory, provenance
+from tests.refusals import refusal
 from tests.run.tiny import tiny_config
 
 
@@ -32,7 +32,7 @@ def test_resumptions_are_noted_beside_the_first_start(tmp_path):
 
 def test_a_directory_with_anything_else_in_it_is_refused(tmp_path):
     (tmp_path / "thesis.tex").write_text("")
-    with pytest.raises(UserError, match=r"holds 'thesis.tex' and no run"):
+    with refusal(f"{tmp_path} thesis.tex run"):
         directory.find(tmp_path)
 
 
@@ -45,7 +45,7 @@ def test_what_a_kill_before_the_configuration_leaves_is_not_foreign(tmp_path):
 
 def test_a_file_is_no_directory(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(UserError, match="is a file"):
+    with refusal(f"{tmp_path}/file file directory"):
         directory.find(tmp_path / "file")
 
 
@@ -53,13 +53,13 @@ def test_the_first_difference_is_named_with_both_values(tmp_path):
     config = tiny_config()
     reward = dataclasses.replace(config.env.reward, alive=0.25)
     other = dataclasses.replace(config, env=dataclasses.replace(config.env, reward=reward))
-    with pytest.raises(UserError, match=r"its env\.reward\.alive is 0\.1, asked for 0\.25"):
+    with refusal("env.reward.alive 0.1 0.25 --out"):
         directory.reconcile(tmp_path, config, other)
 
 
 def test_a_run_may_be_extended_unless_its_learning_rate_decays(tmp_path):
     directory.reconcile(tmp_path, tiny_config(6), tiny_config(7))
-    with pytest.raises(UserError, match=r"ppo\.total_steps is 192 \(its learning rate decays"):
+    with refusal("ppo.total_steps 192 224 decays"):
         directory.reconcile(
             tmp_path, tiny_config(6, learning_rate_decay=True), tiny_config(7, learning_rate_decay=True)
         )
@@ -68,13 +68,13 @@ def test_a_run_may_be_extended_unless_its_learning_rate_decays(tmp_path):
 @pytest.mark.parametrize("content", ["", '{"policy": "state-', "[]", '{"policy": "state-only", "x": 1}', '{"env": 3}'])
 def test_a_damaged_configuration_is_one_clear_line(tmp_path, content):
     (tmp_path / "config.json").write_text(content)
-    with pytest.raises(UserError, match=r"config\.json") as error:
+    with refusal(f"{tmp_path}/config.json") as error:
         directory.find(tmp_path)
     assert "\n" not in str(error.value)
 
 
 def test_one_process_at_a_time(tmp_path):
-    with directory.claim(tmp_path), pytest.raises(UserError, match="another process"), directory.claim(tmp_path):
+    with directory.claim(tmp_path), refusal(f"another process {tmp_path}"), directory.claim(tmp_path):
         pass
     with directory.claim(tmp_path):  # and it is let go of
         pass
@@ -82,7 +82,7 @@ def test_one_process_at_a_time(tmp_path):
 
 @pytest.mark.parametrize("place", ["/proc/run", "/dev/null/run"])
 def test_without_write_access_the_path_is_named(place):
-    with pytest.raises(UserError, match=f"cannot write {place}"), directory.claim(directory.Path(place)):
+    with refusal(place), directory.claim(directory.Path(place)):
         pass
 
 
@@ -91,7 +91,7 @@ def test_what_lies_behind_a_link_is_not_touched(tmp_path, name):
     (tmp_path / "precious").write_text("data")
     (tmp_path / name).symlink_to("precious")
     if name == "lock":
-        with pytest.raises(UserError, match="lock is a symbolic link"), directory.claim(tmp_path):
+        with refusal(f"{tmp_path}/lock link"), directory.claim(tmp_path):
             pass
     else:
         directory.write_json(tmp_path / "config.json", {"new": 1})
@@ -109,7 +109,7 @@ def test_json_is_replaced_in_one_go(tmp_path, monkeypatch):
 
 def test_json_that_is_nested_too_deeply_is_refused(tmp_path):
     (tmp_path / "config.json").write_text("[" * 100_000)
-    with pytest.raises(UserError, match="is not valid JSON"):
+    with refusal(f"{tmp_path}/config.json JSON"):
         directory.find(tmp_path)
 
 

@@ -2,8 +2,8 @@ import csv
 
 import pytest
 
-from loco_mjx.errors import UserError
 from loco_mjx.run.logger import Logger, read_rows
+from tests.refusals import refusal
 
 
 def table(directory):
@@ -125,5 +125,5 @@ def test_what_lies_behind_a_link_in_the_place_of_a_partial_file_is_not_touched(t
 
 def test_curves_that_cannot_be_read_are_one_line(tmp_path):
     (tmp_path / "metrics.csv").mkdir()
-    with pytest.raises(UserError, match=r"metrics.csv: Is a directory"):
+    with refusal(f"{tmp_path}/metrics.csv directory"):
         Logger(tmp_path, 0)

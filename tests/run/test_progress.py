@@ -5,6 +5,7 @@ import io
 from rich.console import Console
 
 from loco_mjx.run.progress import Reporter
+from tests.refusals import says
 
 COMPILING, ITERATION, EVALUATION = 60.0, 6.0, 30.0  # s
 
@@ -23,18 +24,19 @@ def lines(total, iterations, terminal=False):
 
 def test_the_time_left_is_not_guessed_from_the_compilation():
     first, second = lines(1100, 2)
-    assert first == "100/1,100 samples  estimating the time left  return 0.0"
+    assert says(first, "100/1,100 return 0.0") and not says(first, "s")
     # 9 iterations of 6 s; with the compilation in it, it would be 5 min.
-    assert second == "200/1,100 samples  17 samples/s  54 s left  return 1.0"
+    assert says(second, "200/1,100 17 54 s return 1.0")
 
 
 def test_evaluations_are_part_of_the_time_left():
     *_, last = lines(700, 4)
-    assert "48 s left" in last  # as the 300 samples since the first iteration: 3 × 6 s and an evaluation of 30 s
+    assert says(last, "48 s")  # as the 300 samples since the first iteration: 3 × 6 s and an evaluation of 30 s
 
 
 def test_what_is_done_takes_no_more_time():
-    assert lines(100, 1) == ["100/100 samples  0 s left  return 0.0"]
+    (line,) = lines(100, 1)
+    assert says(line, "100/100 0 s return 0.0")
 
 
 def test_whoever_knows_better_says_how_long_it_takes():
@@ -42,9 +44,10 @@ def test_whoever_knows_better_says_how_long_it_takes():
     reporter = Reporter(Console(file=page, width=200), 300, 0, clock=lambda: 0.0)
     reporter.update(100, 10.0, {}, left=50.0)
     reporter.update(300, 10.0, {}, left=20.0)  # all is trained, but not all is done
-    assert page.getvalue() == "100/300 samples  50 s left\n300/300 samples  10 samples/s  20 s left\n"
+    first, second = page.getvalue().splitlines()
+    assert says(first, "100/300 50 s") and says(second, "300/300 10 20 s")
 
 
 def test_a_terminal_is_told_the_same():
     first, second = ("\n".join(lines(1100, count, terminal=True)) for count in (1, 2))
-    assert "estimating the time left" in first and "54 s left" in second
+    assert not says(first, "54") and says(second, "54 s")

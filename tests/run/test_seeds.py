@@ -14,12 +14,12 @@ import pytest
 from rich.console import Console
 
 from loco_mjx.cli.main import main
-from loco_mjx.errors import UserError
 from loco_mjx.run import checkpoint, directory, loop, start
 from loco_mjx.run.learner import Single
 from loco_mjx.run.progress import Reporter
 from loco_mjx.run.run_log import Run
 from tests.cli.test_train import RUN, SMALL, refused
+from tests.refusals import refusal, says
 from tests.run.tiny import Interrupted, tiny_config, tiny_seeds, tiny_trainer
 
 SEEDS = (2, 0)
@@ -121,17 +121,17 @@ def test_a_seed_that_diverges_stops_and_the_others_do_not(tmp_path, reporter):
         """The loss of the second seed is no number in the third iteration."""
 
         def iterate(self, state, pool):
-            self._left -= 1
-            state, metrics = self._learner.iterate(state, pool)
+            self.left -= 1
+            state, metrics = self.learner.iterate(state, pool)
             spoilt = metrics["loss/total"].at[1].set(jp.nan)
-            return state, metrics | ({"loss/total": spoilt} if self._left == 0 else {})
+            return state, metrics | ({"loss/total": spoilt} if self.left == 0 else {})
 
     runs = _runs(tmp_path)
-    with pytest.raises(UserError, match=r"diverged after 64 samples.*seed0 keeps the last checkpoint"):
+    with refusal("diverged 64 seed0 checkpoint"):
         loop.run_group(Diverging(_learner(), 3, None), runs, EVERY, reporter, [])
     assert checkpoint.steps(runs[0].directory)[0] == 192 and checkpoint.steps(runs[1].directory) == [64, 32]
     assert len(_rows(runs[0].directory)) == 6 and len(_rows(runs[1].directory)) == 2
-    with pytest.raises(UserError, match=r"no whole checkpoint at the same .*seed2 at 192, seed0 at 64"):
+    with refusal("checkpoint seed2 192 seed0 64"):
         loop.run_group(_learner(), runs, EVERY, reporter, [])
 
 
@@ -146,7 +146,7 @@ def test_each_seed_is_evaluated_and_progress_shows_means(tmp_path):
         assert _rows(run.directory)[0]["eval/key"] == f"{float(run.config.seed)}"
     returns = [float(_rows(run.directory)[-1]["episode/return"]) for run in runs]
     last = page.getvalue().splitlines()[-1]
-    assert "128/128 samples" in last and f"return {sum(returns) / 2:.1f}" in last
+    assert says(last, f"128/128 return {sum(returns) / 2:.1f}")
 
 
 def test_the_command_makes_ordinary_runs_that_go_on_together_and_alone(command, capsys, tmp_path):
@@ -161,36 +161,36 @@ def test_the_command_makes_ordinary_runs_that_go_on_together_and_alone(command, 
         assert len(_rows(folder)) == 3 and list((folder / "tensorboard").iterdir())
         manifest = json.loads((checkpoint.path_of(folder, 96) / "manifest.json").read_text())
         assert manifest["config"]["seed"] == seed
-    assert "curves in runs/thin/state-only/seed*/metrics.csv" in capsys.readouterr().out.replace("\n", "")
+    assert "runs/thin/state-only/seed*/metrics.csv" in capsys.readouterr().out.replace("\n", "")
     assert command([*words, "96"]) == 0
-    assert "is finished" in capsys.readouterr().out
+    assert says(capsys.readouterr().out, "finished")
     assert command([*words, "128"]) == 0
-    assert "resuming at 96 samples" in capsys.readouterr().out
+    assert says(capsys.readouterr().out, "resuming 96")
 
     # The same directories are what a single run takes them for.
     assert command(["train", *SMALL, "--seed", "2", "--total-steps", "160"]) == 0
-    assert "resuming at 128 samples" in capsys.readouterr().out
+    assert says(capsys.readouterr().out, "resuming 128")
     assert len(_rows(home / "seed2")) == 5
     assert command([*words, "192"]) == 0  # both have 128, and go back to it together
-    assert "resuming at 128 samples" in capsys.readouterr().out
+    assert says(capsys.readouterr().out, "resuming 128")
     assert [len(_rows(home / name)) for name in ("seed0", "seed2")] == [6, 6]
 
 
 BAD = {
-    "backwards": (["--seeds", "4-0"], ["4-0", "0-4"]),
-    "letters": (["--seeds", "a"], ["'a'", "0-4"]),
-    "empty": (["--seeds", ""], ["''", "0-4"]),
-    "twice": (["--seeds", "0-2,1"], ["0-2,1", "twice"]),
-    "both": (["--seeds", "0-1", "--seed", "3"], ["--seed and --seeds"]),
-    "both=": (["--seeds=0-1", "--seed=3"], ["--seed and --seeds"]),
-    "file": (["--seeds", "0-1", "--out", "/dev/null"], ["/dev/null"]),
+    "backwards": (["--seeds", "4-0"], "4-0 0-4"),
+    "letters": (["--seeds", "a"], "'a' 0-4"),
+    "empty": (["--seeds", ""], "'' 0-4"),
+    "twice": (["--seeds", "0-2,1"], "0-2,1 twice"),
+    "both": (["--seeds", "0-1", "--seed", "3"], "--seed --seeds"),
+    "both=": (["--seeds=0-1", "--seed=3"], "--seed --seeds"),
+    "file": (["--seeds", "0-1", "--out", "/dev/null"], "/dev/null"),
 }
 
 
 @pytest.mark.parametrize(("words", "said"), BAD.values(), ids=BAD.keys())
 def test_seeds_that_mean_nothing_are_one_line_and_nothing_is_written(command, capsys, tmp_path, words, said):
     line = refused(capsys, *RUN, *words)
-    assert all(word in line for word in said), line
+    assert says(line, said), line
     assert list(tmp_path.iterdir()) == []
 
 
@@ -201,7 +201,7 @@ def test_directories_that_hold_something_else_are_left_alone(command, capsys, tm
     assert command([*RUN, "--out", "single"]) == 0
     assert command([*RUN, "--out", "group/seed1", "--seed", "1"]) == 0
     before = _files(tmp_path)
-    assert "single holds a single run" in refused(capsys, *RUN, "--seeds", "0-1", "--out", "single")
-    assert "seed0 at 0, seed1 at 192" in refused(capsys, *RUN, "--seeds", "0-1", "--out", "group")
+    assert says(refused(capsys, *RUN, "--seeds", "0-1", "--out", "single"), "single run")
+    assert says(refused(capsys, *RUN, "--seeds", "0-1", "--out", "group"), "seed0 0 seed1 192")
     assert "env.reward.alive" in refused(capsys, *RUN, "--seeds", "0-1", "--out", "group", "--env.reward.alive", "0.5")
     assert _files(tmp_path) == before

@@ -105,16 +105,16 @@ class Interrupted:
     """A learner that does something before its nth iteration."""
 
     def __init__(self, learner: Any, iteration: int, action: Any) -> None:
-        self._learner, self._left, self._action = learner, iteration, action
+        self.learner, self.left, self.action = learner, iteration, action
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._learner, name)
+        return getattr(self.learner, name)
 
     def iterate(self, state: Any, pool: Any) -> Any:
-        self._left -= 1
-        if self._left == 0:
-            self._action()
-        return self._learner.iterate(state, pool)
+        self.left -= 1
+        if self.left == 0:
+            self.action()
+        return self.learner.iterate(state, pool)
 
 
 class Wordy:

@@ -16,6 +16,7 @@ import pytest
 from loco_mjx.show.rollout import Agent
 from loco_mjx.show.web import Viewer
 from tests import optional
+from tests.refusals import refusal
 
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 FLAGS += ["--disable-component-update", "--disable-sync"]
@@ -82,12 +83,12 @@ def test_the_page_shows_and_steers_the_episode(viewer, page):
 
     page.get_by_role("button", name="Reset").click()
     until(lambda: viewer.steps == 0)
-    before = np.array(viewer._moment.scene.boxes.center)
+    before = np.array(viewer.moment.scene.boxes.center)
     seed = page.get_by_label("Seed")
     seed.fill("8")
     seed.press("Enter")
-    until(lambda: viewer.seed == 8 and viewer.steps == 0 and viewer._moment.step == 0)
-    until(lambda: not np.array_equal(before, np.array(viewer._moment.scene.boxes.center)))
+    until(lambda: viewer.seed == 8 and viewer.steps == 0 and viewer.moment.step == 0)
+    until(lambda: not np.array_equal(before, np.array(viewer.moment.scene.boxes.center)))
 
     viewer.ask(lambda: viewer.choose(task="no such task"))
     page.get_by_text("unknown task").wait_for()
@@ -102,9 +103,9 @@ def test_depth_stays_depth_and_attention_has_a_panel_of_its_own(viewer):
     def look():
         for overlay in (False, True):
             viewer.overlay = overlay
-            viewer._draw_eye(dataclasses.replace(viewer._moment, attention=np.eye(16)[5]))
-            found.append((viewer._eye.visible, np.array(viewer._eye.image), viewer._looked.visible))
-        found.append(np.array(viewer._looked.image))
+            viewer.draw(dataclasses.replace(viewer.moment, attention=np.eye(16)[5]))
+            found.append((viewer.scene.eye.visible, np.array(viewer.scene.eye.image), viewer.scene.looked.visible))
+        found.append(np.array(viewer.scene.looked.image))
         viewer.overlay = False
 
     viewer.ask(look)
@@ -119,12 +120,12 @@ def test_the_floor_goes_along_with_the_robot_in_whole_tiles(viewer):
     found = []
 
     def look():
-        moment = viewer._moment
+        moment = viewer.moment
         qpos = moment.qpos.copy()
         qpos[:2] = 50.3, -7.1
-        viewer._draw(dataclasses.replace(moment, qpos=qpos))
-        found.append((np.array(viewer._floor.position), np.array(viewer._world.position)))
-        viewer._draw(moment)
+        viewer.draw(dataclasses.replace(moment, qpos=qpos))
+        found.append((np.array(viewer.scene.floor.position), np.array(viewer.scene.world.position)))
+        viewer.draw(moment)
 
     viewer.ask(look)
     until(lambda: found)
@@ -134,9 +135,7 @@ def test_the_floor_goes_along_with_the_robot_in_whole_tiles(viewer):
 
 
 def test_a_taken_port_is_one_line(viewer):
-    from loco_mjx.errors import UserError
-
-    with pytest.raises(UserError, match=f"cannot listen on 127.0.0.1:{viewer.port}.*choose another --port"):
+    with refusal(f"127.0.0.1:{viewer.port} --port"):
         Viewer(Agent("zero"), "thin", 0, port=viewer.port)
 
 

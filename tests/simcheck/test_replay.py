@@ -15,7 +15,7 @@ from loco_mjx.scene import mjcf
 from loco_mjx.scene.types import OBSTACLE
 from loco_mjx.simcheck import replay as replay_lib
 from loco_mjx.simcheck.replay import LENGTH, Recorder, replay
-from loco_mjx.simcheck.run import _replayed as _replayed_figures
+from loco_mjx.simcheck.run import replay_figures
 from loco_mjx.simcheck.sides import WatchedRobot
 from tests.deploy import flat
 from tests.known_robots import A1
@@ -46,7 +46,8 @@ def _state(robot, targets):
     contacts = np.array([float(robot.contact)])
     episode = SimpleNamespace(last_action=(targets - POSE)[None])
     return SimpleNamespace(
-        pipeline_state=SimpleNamespace(physics=physics, scene=scene, episode=episode), metrics={"contacts": contacts}
+        pipeline_state=SimpleNamespace(physics=physics, scene=scene, episode=episode, control=None),
+        metrics={"contacts": contacts},
     )
 
 
@@ -109,7 +110,7 @@ def test_only_whole_seconds_count_and_windows_begin_where_the_policy_looks(monke
 def test_a_policy_that_holds_its_depth_for_longer_than_a_second_is_not_compared(recorded):
     again = _replayed(recorded, manifest=dataclasses.replace(MANIFEST, hold=LENGTH + 1))
     assert np.isnan(again.targets).all() and np.isfinite(again.c["distance"]).all()
-    assert _replayed_figures(again)["targets"] is None
+    assert replay_figures(again)["targets"] is None
 
 
 def test_spheres_are_as_collected_as_in_the_state_it_is_put_into():

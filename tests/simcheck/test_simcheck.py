@@ -26,6 +26,7 @@ from loco_mjx.simcheck.sides import CSide, WatchedRobot, start
 from tests.deploy import flat, made
 from tests.known_robots import A1, GO2
 from tests.physics import world
+from tests.refusals import says
 
 HORIZON = 12
 BLIND = ObservationConfig(depth=DepthConfig(enabled=False))
@@ -66,9 +67,9 @@ def test_both_sides_agree_while_chaos_has_not_begun(policy, capsys, monkeypatch)
     assert again["windows"] >= 2 and again["targets"]["max"] < 1e-3
     assert again["distance"]["c_mean"] == pytest.approx(again["distance"]["mjx_mean"], abs=1e-4)
     shown = _printed(result)
-    assert f"{again['windows']} times 0.2 s" in shown and f"{again['distance']['mjx_mean']:.4f}" in shown
-    assert f"targets differ by {again['targets']['mean']:.1e} rad" in shown
-    assert "times" not in _printed(result | {"replay": {"windows": 0}})
+    distance = f"{again['distance']['mjx_mean']:.4f}"
+    assert says(shown, f"{again['windows']} 0.2 s {distance} {again['targets']['mean']:.1e} rad")
+    assert distance not in _printed(result | {"replay": {"windows": 0}})
 
 
 def _printed(result):
@@ -79,13 +80,13 @@ def _printed(result):
 
 def test_bad_input(policy, tmp_path, capsys):
     for words, said in (
-        ([str(tmp_path / "none")], "no policy folder"),
-        ([str(policy), "--task", "thn"], "'thin'"),
-        ([str(policy), "--episodes", "0"], "episodes is 0"),
-        ([str(policy), "--solver", "0", "8"], "solver is (0, 8); accepted: each 1 to 1000"),
+        ([str(tmp_path / "none")], f"{tmp_path}/none export"),
+        ([str(policy), "--task", "thn"], "thn thin"),
+        ([str(policy), "--episodes", "0"], "episodes 0 1"),
+        ([str(policy), "--solver", "0", "8"], "solver (0, 8) 1 1000"),
     ):
         assert main(["simcheck", *words]) == 2
-        assert said in capsys.readouterr().err
+        assert says(capsys.readouterr().err, said)
     raw = json.loads((policy / folder.MANIFEST).read_text())
     raw["config"]["env"]["weather"] = "fine"
     (policy / folder.MANIFEST).write_text(json.dumps(raw))

@@ -15,10 +15,10 @@ COUNT = 24
 
 def test_osqp_and_quadprog_find_the_same_forces():
     given = bench.ticks(CONFIG, BODY, A1.default_pose, COUNT)
-    libraries, feet = bench._libraries(CONFIG), set()
+    libraries, feet = bench.solvers(CONFIG), set()
     assert set(libraries) == {"quadprog", "osqp"}
     for one in range(COUNT):
-        program = bench._program(CONFIG, BODY, jax.tree.map(lambda x, i=one: x[i], given))
+        program = bench.program(CONFIG, BODY, jax.tree.map(lambda x, i=one: x[i], given))
         dense = library.dense(CONFIG.mpc, program)
         exact, found = libraries["quadprog"](dense)[0], libraries["osqp"](dense)
         assert np.abs(exact - found.x).max() < 1.0

@@ -84,7 +84,7 @@ def test_torques_make_the_forces():
 def test_limits_hold_in_every_recorded_program():
     solve = library.make_solver(MPC)
     for seen in recorded()[::25]:
-        sensed = controller._sense(BODY, seen.state, seen.measured, controller.gait.Mode(*seen.facts[3:]))
+        sensed = controller.sense(BODY, seen.state, seen.measured, controller.gait.Mode(*seen.facts[3:]))
         program = controller.program(CONFIG, BODY, sensed, seen.state.tick * 0.005, seen.facts.pushes, seen.command)
         forces, weight = solve(program).forces, float(program.weight)
         x, y, z = (forces[program.pushes][:, i] for i in range(3))

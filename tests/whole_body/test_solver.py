@@ -18,7 +18,7 @@ NEAR = 0.01  # N; a hundredth of what is asked for
 def of_walks():
     programs = []
     for seen in recorded():
-        sensed = controller._sense(BODY, seen.state, seen.measured, gait.Mode(*seen.facts[3:]))
+        sensed = controller.sense(BODY, seen.state, seen.measured, gait.Mode(*seen.facts[3:]))
         time = np.float64(seen.state.tick * TICK)
         programs.append(
             controller.program(CONFIG, BODY, sensed, time, seen.facts.pushes, controller.clip(seen.command))
