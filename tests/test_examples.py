@@ -17,6 +17,8 @@ from loco_mjx.config.reward_terms import REWARDS
 from loco_mjx.deploy import folder, trained
 from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
+from loco_mjx.evaluation import report
+from loco_mjx.evaluation.episodes import Evaluator
 from loco_mjx.networks.registry import POLICIES
 from loco_mjx.robots import ROBOTS
 from loco_mjx.run import needs, start
@@ -51,9 +53,15 @@ def forget():
 
 @pytest.fixture(scope="module", autouse=True)
 def trainers():
-    """Runs of one configuration share their trainer, and so its compiled programs."""
-    patch = pytest.MonkeyPatch()
+    """Runs of one configuration share their trainer and their evaluator, and so the compiled programs."""
+    patch, evaluators = pytest.MonkeyPatch(), {}
+
+    def evaluator(env, networks, *args, **kwargs):
+        made = Evaluator(env, networks, *args, **kwargs)
+        return evaluators.setdefault((env.config, networks.module, made.deterministic), made)
+
     patch.setattr(start, "build", functools.cache(start.build))
+    patch.setattr(report, "Evaluator", evaluator)
     yield
     patch.undo()
 
