@@ -21,7 +21,7 @@ from loco_mjx.compare import launch, paper
 from loco_mjx.compare.cells import Cell, Plan
 from loco_mjx.compare.launch import Launcher, Local
 from loco_mjx.errors import UserError
-from loco_mjx.run.loop import LoopOptions
+from loco_mjx.run.schedule import LoopOptions
 from loco_mjx.run.variant import Variant
 
 POLICIES = tuple(paper.POLICIES.values())

@@ -28,10 +28,11 @@ from loco_mjx.evaluation.in_training import evaluators
 from loco_mjx.networks.outputs import DEPTH, PRIVILEGED, STATE
 from loco_mjx.networks.registry import POLICIES
 from loco_mjx.run import machine, settings, start
-from loco_mjx.run.loop import LoopOptions, Outcome
+from loco_mjx.run.loop import Outcome
 from loco_mjx.run.policy import TrainedPolicy
 from loco_mjx.run.progress import Output
 from loco_mjx.run.run_log import Run
+from loco_mjx.run.schedule import LoopOptions
 
 Callback = Callable[[int, Mapping[str, float]], object]
 

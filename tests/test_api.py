@@ -9,7 +9,7 @@ import pytest
 import loco_mjx
 from loco_mjx.config import Config, preset
 from loco_mjx.run import start
-from loco_mjx.run.loop import LoopOptions
+from loco_mjx.run.schedule import LoopOptions
 from tests.deploy import made
 from tests.refusals import refusal
 from tests.run.tiny import tiny_config, tiny_trainer

@@ -17,6 +17,8 @@ from loco_mjx.config.reward_terms import REWARDS
 from loco_mjx.deploy import folder, trained
 from loco_mjx.deploy.session import Session
 from loco_mjx.errors import UserError
+from loco_mjx.evaluation import report
+from loco_mjx.evaluation.episodes import Evaluator
 from loco_mjx.networks.registry import POLICIES
 from loco_mjx.robots import ROBOTS
 from loco_mjx.run import needs, start
@@ -51,9 +53,15 @@ def forget():
 
 @pytest.fixture(scope="module", autouse=True)
 def trainers():
-    """Runs of one configuration share their trainer, and so its compiled programs."""
-    patch = pytest.MonkeyPatch()
+    """Runs of one configuration share their trainer and their evaluator, and so the compiled programs."""
+    patch, evaluators = pytest.MonkeyPatch(), {}
+
+    def evaluator(env, networks, *args, **kwargs):
+        made = Evaluator(env, networks, *args, **kwargs)
+        return evaluators.setdefault((env.config, networks.module, made.deterministic), made)
+
     patch.setattr(start, "build", functools.cache(start.build))
+    patch.setattr(report, "Evaluator", evaluator)
     yield
     patch.undo()
 
@@ -86,6 +94,27 @@ def test_training_from_python_stops_when_it_walks_well_enough(run, tmp_path, mon
     assert load_config(tmp_path / "run") == load_config(run)
     assert result["samples"] == 16 and "distance" in result["metrics"]  # stopped after the first iteration
     assert capsys.readouterr().out.count("reward per step") == 1
+
+
+def cells():
+    found = json.loads((EXAMPLES / "quickstart.ipynb").read_text())["cells"]
+    return ["".join(cell["source"]) for cell in found if cell["cell_type"] == "code"]
+
+
+def test_the_notebook(run, tmp_path, monkeypatch):
+    """All cells but the film's; in place of the parameters tiny sizes, and the run's task and policy."""
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "__main__"}
+    parameters, *others = cells()[:-1]
+    exec(parameters, names)
+    assert names["SAMPLES"] >= 100_000
+    keys = SIZES | {"env.task": "slalom", "policy": "gated", "env.reward.straight": 0.0}
+    names |= {"SAMPLES": 32, "ENVS": 4, "EPISODES": 8, "KEYS": keys}
+    for cell in others:
+        exec(cell, names)
+    assert load_config(tmp_path / names["OUT"]) == load_config(run)
+    assert [samples for samples, _ in names["curve"]] == [16, 32] and names["outcome"].samples == 32
+    assert names["result"]["num_episodes"] == 8
 
 
 def test_it_is_evaluated_exported_and_missed(run, capsys, tmp_path):
@@ -124,25 +153,6 @@ def test_a_robot_of_ones_own(tmp_path):
 def test_acting_in_a_loop(capsys):
     distance = load("act_in_a_loop").main("mountain-blind", steps=5)
     assert abs(distance) < 0.5 and "mountain-blind on mountain" in capsys.readouterr().out
-
-
-def cells():
-    found = json.loads((EXAMPLES / "quickstart.ipynb").read_text())["cells"]
-    return ["".join(cell["source"]) for cell in found if cell["cell_type"] == "code"]
-
-
-def test_the_notebook(tmp_path, monkeypatch):
-    """All cells but the film's; tiny sizes in place of the parameters."""
-    monkeypatch.chdir(tmp_path)
-    names = {"__name__": "__main__"}
-    parameters, *others = cells()[:-1]
-    exec(parameters, names)
-    assert names["SAMPLES"] >= 100_000
-    names |= {"SAMPLES": 32, "ENVS": 4, "EPISODES": 8, "KEYS": SIZES | {"network.state_only_hidden": (8, 8)}}
-    for cell in others:
-        exec(cell, names)
-    assert [samples for samples, _ in names["curve"]] == [16, 32] and names["outcome"].samples == 32
-    assert names["result"]["num_episodes"] == 8
 
 
 @needs_opengl

@@ -20,7 +20,7 @@ from loco_mjx.deploy.mujoco_robot import Imperfections
 from loco_mjx.deploy.safety import Limits
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import Range
-from loco_mjx.run.loop import LoopOptions
+from loco_mjx.run.schedule import LoopOptions
 from tests.refusals import refusal, says
 
 ABSURD = (math.nan, math.inf, -math.inf, -1, 2**63)

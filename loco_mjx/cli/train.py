@@ -23,9 +23,9 @@ from loco_mjx.errors import UserError
 from loco_mjx.ranges import SEED, Range
 from loco_mjx.robots import DEFAULT, get_robot
 from loco_mjx.run import settings
-from loco_mjx.run.loop import LoopOptions
 from loco_mjx.run.progress import duration
 from loco_mjx.run.run_log import Run
+from loco_mjx.run.schedule import LoopOptions
 
 PROG = "loco-mjx train"
 PRESET = "fast"

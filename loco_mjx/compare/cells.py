@@ -12,7 +12,7 @@ from loco_mjx.config import Config, preset, teacher_of, with_keys
 from loco_mjx.errors import UserError
 from loco_mjx.run import directory, settings
 from loco_mjx.run.logger import CSV, SECONDS, STEP, read_rows
-from loco_mjx.run.loop import LoopOptions
+from loco_mjx.run.schedule import LoopOptions
 from loco_mjx.run.variant import Variant, as_options
 
 PROGRAM = (sys.executable, "-m", "loco_mjx.cli.main")

@@ -7,32 +7,26 @@ left there, and progress is read from its curves.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import importlib.util
 import ipaddress
 import logging
 import os
-import signal
 import socket
-import threading
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from loco_mjx.compare.cells import Cell
-from loco_mjx.compare.execute import TICK_SECONDS, Runner, run_cell, run_command
+from loco_mjx.compare.execute import TICK_SECONDS, Runner, run_command
 from loco_mjx.compare.launch import Ended
 from loco_mjx.compare.progress import Progress
+from loco_mjx.compare.ray_worker import SAVE_SECONDS, work
 from loco_mjx.errors import UserError
-from loco_mjx.run.directory import LOCK
 
 AUTO = "auto"  # the cluster that runs on this machine
 CLUSTERS = "ENABLE_RAY_CLUSTER"  # Ray's constant: whether nodes other than this one are ever to join
 CONNECT_SECONDS = 10.0
 RETRIES = 3
-SAVE_SECONDS = 300.0  # for a run that was told to stop: it ends its iteration first
 OBJECT_STORE_BYTES = 100_000_000  # of a cluster started here; cells are paths, Ray would take a third of the memory
 
 
@@ -219,29 +213,6 @@ def _nodes(ray: Any) -> list[Mapping[str, float]]:
 def _absolute(cell: Cell) -> Cell:
     """The cell with a path that means the same in any process."""
     return replace(cell, path=cell.path.absolute())
-
-
-def work(cell: Cell, run: Runner) -> str | None:
-    """Runs a cell in a worker; what went wrong, or None."""
-    # Ray cancels by the handler of SIGINT, and a cluster that was started in a shell's background ignores that.
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-    if not cell.path.parent.is_dir():
-        return f"{socket.gethostname()} does not see {cell.path.parent}; give an --out that all nodes share"
-    _wait_while_claimed(cell.path / LOCK)
-    return run_cell(cell, run, lambda: None)
-
-
-def _wait_while_claimed(lock: Path) -> None:
-    """Waits while a run whose worker died saves and ends."""
-    end = time.monotonic() + SAVE_SECONDS
-    while lock.is_file() and time.monotonic() < end:
-        with lock.open("a") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                return
-            except BlockingIOError:
-                time.sleep(1.0)
 
 
 def _cancel(ray: Any, tasks: list[Any]) -> None:

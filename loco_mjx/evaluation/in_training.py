@@ -8,8 +8,8 @@ from typing import Any
 
 from loco_mjx.env import LocoEnv
 from loco_mjx.evaluation.episodes import Evaluator, evaluation_config, means
-from loco_mjx.run.loop import Evaluate, LoopOptions
 from loco_mjx.run.run_log import Run
+from loco_mjx.run.schedule import Evaluate, LoopOptions
 
 SEED = 1_000_000  # added to the run's seed: the same scenes at every evaluation of a run
 

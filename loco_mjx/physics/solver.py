@@ -27,7 +27,7 @@ from loco_mjx.physics.efc import (
     mul_J,
     mul_JT,
 )
-from loco_mjx.physics.xla import FusionBarrier, total
+from loco_mjx.physics.xla import FusionBarrier, column_sums, total
 
 PARTS = 8  # of the environments that have not converged, one in so many is solved further at a time
 TOLERANCE = 0.02  # N and N·m, forces that may be wrong
@@ -53,8 +53,10 @@ def line_search(
     def iterate(_: int, bracket: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
         low, high, alpha = bracket
         active = jar + alpha * jv < 0.0
-        first = linear + alpha * quadratic + total(jp.where(active, first_of_row + alpha * second_of_row, 0.0))
-        second = quadratic + total(jp.where(active, second_of_row, 0.0))
+        of_rows = [first_of_row + alpha * second_of_row, second_of_row]
+        sums = column_sums(jp.concatenate([jp.where(active, row, 0.0) for row in of_rows], axis=-1))
+        first, second = jp.split(sums, 2)
+        first, second = linear + alpha * quadratic + first, quadratic + second
         low, high = jp.where(first < 0.0, alpha, low), jp.where(first > 0.0, alpha, high)
         moved = alpha - first / jp.maximum(second, 1e-30)
         outside = (moved <= low) | (moved >= high)
@@ -102,7 +104,7 @@ def _newton(
     alpha = line_search(rows, linear, quadratic, ls_iterations)
     before, jv_rows, D = rows
     after = before + alpha * jv_rows
-    changed = total(jp.where((before < 0.0) != (after < 0.0), D * jp.abs(after), 0.0))
+    changed = column_sums(jp.where((before < 0.0) != (after < 0.0), D * jp.abs(after), 0.0))
     left = jp.abs(1.0 - alpha) * (total(jp.abs(grad.base)) + total(total(jp.abs(grad.joints))))
     return jax.tree.map(lambda a, b: a + alpha * b, qacc, search), changed + left
 

@@ -4,41 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from signal import SIGINT, SIGPIPE
-from typing import Annotated, Any, NoReturn
+from typing import Any, NoReturn
 
 import jax
-import numpy as np
 
 from loco_mjx.config import Config
-from loco_mjx.config.tree import TotalSteps
 from loco_mjx.errors import UserError, is_full, unwritable
-from loco_mjx.ranges import COUNT, Range
-from loco_mjx.run import checkpoint, collectives, machine, retention
+from loco_mjx.run import checkpoint, collectives, machine, rows
 from loco_mjx.run.learner import GroupLearner, Learner, Single
 from loco_mjx.run.logger import SECONDS
 from loco_mjx.run.progress import Reporter
-from loco_mjx.run.run_log import Row, Run, RunLog, common_step
+from loco_mjx.run.rows import Row
+from loco_mjx.run.run_log import Run, RunLog, common_step
+from loco_mjx.run.schedule import Evaluate, LoopOptions
 from loco_mjx.run.signals import Leave, Stop
-
-Evaluate = Callable[[Any], dict[str, float]]  # from a training state to the deterministic policy's figures
-
-
-@dataclass(frozen=True)
-class LoopOptions:
-    """When to save and to evaluate; it does not change what is learnt."""
-
-    checkpoint_minutes: Annotated[float, Range(0, 100_000)] = 5.0
-    """Minutes between checkpoints; one is also written at each evaluation, at the end, and when stopped."""
-    evaluations: Annotated[int, Range(0, 100_000)] = 10
-    """Evaluations of the deterministic policy over the run, besides one at its start; 0 for none."""
-    evaluation_episodes: COUNT = 8
-    """Episodes of one such evaluation."""
-    keep_every: TotalSteps | None = None
-    """Samples between checkpoints that are kept for good; the last two and the best by evaluation always are."""
 
 
 @dataclass(frozen=True)
@@ -179,20 +162,20 @@ class _Loop:
     def _iterate(self, state: Any, pool: Any, iteration: int) -> Any:
         start = time.monotonic()
         state, metrics = self.learner.iterate(state, pool)
-        rows = _rows(jax.device_get(metrics), len(self.logs))
+        found = rows.of_runs(jax.device_get(metrics), len(self.logs))
         seconds = time.monotonic() - start
         samples = (iteration + 1) * self.per_iteration
-        self._refuse_divergence(rows, iteration * self.per_iteration)
+        self._refuse_divergence(found, iteration * self.per_iteration)
         rate = self.per_iteration / seconds
         if self._time_to_evaluate(iteration + 1):
-            for row, evaluate, part in zip(rows, self.evaluations, self.learner.split(state), strict=True):
+            for row, evaluate, part in zip(found, self.evaluations, self.learner.split(state), strict=True):
                 row |= {f"eval/{name}": value for name, value in evaluate(part).items()}
         self.spent += time.monotonic() - start
-        going = [(log, row) for log, row in zip(self.logs, rows, strict=True) if log.problem is None]
+        going = [(log, row) for log, row in zip(self.logs, found, strict=True) if log.problem is None]
         for log, row in going:
             log.write(samples, row | {SECONDS: self.spent, "time/samples_per_second": rate})
         count = len(self.logs)
-        self.reporter.update(samples * count, rate * count, _means([row for _, row in going]))
+        self.reporter.update(samples * count, rate * count, rows.means([row for _, row in going]))
         return state
 
     def _say_age(self, done: int) -> None:
@@ -200,38 +183,33 @@ class _Loop:
         if age is not None:
             self.reporter.say(f"first iteration done {age:.0f} s after the command")
 
-    def _refuse_divergence(self, rows: Sequence[Row], samples: int) -> None:
+    def _refuse_divergence(self, found: Sequence[Row], samples: int) -> None:
         """Ends runs whose loss is not finite, before a checkpoint keeps that; warns of environments that broke."""
-        for log, row in zip(self.logs, rows, strict=True):
+        for log, row in zip(self.logs, found, strict=True):
             if log.problem is None and not log.check(row, samples) and len(self.logs) > 1:
                 self.reporter.say(f"{log.problem}; the other seeds go on")
         if all(log.problem for log in self.logs):
             self._tell_of_problems()
-        going = [row for log, row in zip(self.logs, rows, strict=True) if log.problem is None]
-        skipped = sum(row.get("skipped_updates", 0.0) for row in going)
-        if skipped:
+        going = [row for log, row in zip(self.logs, found, strict=True) if log.problem is None]
+        if skipped := sum(row.get("skipped_updates", 0.0) for row in going):
             self.reporter.say(f"{skipped:.0f} updates were skipped after {samples:,} samples: no finite gradient")
-        broken = sum(row.get("nonfinite", 0.0) for row in rows)
+        broken = sum(row.get("nonfinite", 0.0) for row in found)
         if broken and not self.warned:
             self.warned = True
             self.reporter.say(f"{broken:.0f} non-finite states were contained; metrics.csv counts them")
 
     def _tell_of_problems(self) -> None:
-        problems = [log.problem for log in self.logs if log.problem is not None]
-        if problems:
+        if problems := [log.problem for log in self.logs if log.problem is not None]:
             raise UserError("; ".join(problems))
 
     def _time_to_save(self, done: int, seconds: float) -> bool:
         """Whether to save after this many iterations, seconds after the last time."""
-        kept = retention.passes(done * self.per_iteration, self.options.keep_every, self.per_iteration)
-        return kept or self._time_to_evaluate(done) or seconds >= 60 * self.options.checkpoint_minutes
+        return self.options.saves(done * self.per_iteration, self.per_iteration, seconds) or self._time_to_evaluate(
+            done
+        )
 
     def _time_to_evaluate(self, done: int) -> bool:
-        """Whether to evaluate after this many iterations: the first, then at even distances, then the last."""
-        if not self.evaluations or not self.options.evaluations:
-            return False
-        every = max(1, round(self.ppo.iterations / self.options.evaluations))
-        return done in (1, self.ppo.iterations) or done % every == 0
+        return bool(self.evaluations) and self.options.evaluates(done, self.ppo.iterations)
 
     def _signal(self) -> int | None:
         """The signal that came; a reader of the output who leaves counts as one, and whoever asked the reporter."""
@@ -270,24 +248,3 @@ class _Loop:
                     problems.append(error)
         if problems:
             raise problems[0]
-
-
-def _rows(metrics: Mapping[str, Any], count: int) -> list[Row]:
-    """Each run's metrics, from one value of each or an array of (runs,).
-
-    Means over no episodes are not zero, they are not there.
-    """
-    rows = [{name: float(np.ravel(value)[i]) for name, value in metrics.items()} for i in range(count)]
-    return [
-        {name: value for name, value in row.items() if row.get("episodes") != 0 or not name.startswith("episode/")}
-        for row in rows
-    ]
-
-
-def _means(rows: Sequence[Row]) -> Row:
-    """The mean of each metric over the runs that have it."""
-    values: dict[str, list[float]] = {}
-    for row in rows:
-        for name, value in row.items():
-            values.setdefault(name, []).append(value)
-    return {name: sum(found) / len(found) for name, found in values.items()}

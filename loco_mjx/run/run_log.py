@@ -13,8 +13,8 @@ from loco_mjx.errors import RunError, UserError
 from loco_mjx.run import checkpoint, collectives
 from loco_mjx.run.directory import CONFIG, LOCK
 from loco_mjx.run.logger import Logger
+from loco_mjx.run.rows import Row
 
-Row = dict[str, float]
 SCORE = "eval/return"  # by which the best checkpoint is chosen
 NONFINITE = "nonfinite/"  # the learner's metrics of how many numbers of its state are NaN or infinite
 

@@ -15,7 +15,8 @@ from rich.console import Console
 from loco_mjx.cli.main import main
 from loco_mjx.compare import launch
 from loco_mjx.compare.execute import run_command
-from loco_mjx.compare.ray_launcher import Need, OnRay, need, start_here, work
+from loco_mjx.compare.ray_launcher import Need, OnRay, need, start_here
+from loco_mjx.compare.ray_worker import work
 from loco_mjx.run import directory
 from tests.compare.test_sweep import Stub, cells
 from tests.listening import family, listening

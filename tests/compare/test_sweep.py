@@ -18,7 +18,7 @@ from loco_mjx.compare import estimate, execute, launch
 from loco_mjx.compare.cells import IMPORTS, PROGRAM, Plan
 from loco_mjx.config import to_dict
 from loco_mjx.run import checkpoint, directory, settings
-from loco_mjx.run.loop import LoopOptions
+from loco_mjx.run.schedule import LoopOptions
 from loco_mjx.run.variant import Variant, parse_variant
 from tests.compare.runs import write_evaluation
 from tests.refusals import clear, says
