@@ -18,7 +18,7 @@ from loco_mjx.ranges import SEED, Range
 from loco_mjx.robots import DEFAULT
 
 PROG = "loco-mjx bench"
-NUM_ENVS = 256
+NUM_ENVS = {"pd": 256, "mpc": 128}  # by controller
 SCENES = ("depth", "physics", "env", "train")
 # The parts that look at an option; the others would ignore it. `learn` compares with the paper's A1.
 READ = {
@@ -55,7 +55,7 @@ class Options:
     controller: Literal["pd", "mpc"] = "pd"
     """For env and train: what the policy commands."""
     num_envs: NumEnvs | None = None
-    """Environments side by side; None: 256."""
+    """Environments side by side; None: 256, of --controller mpc 128."""
     seeds: Annotated[int, Range(1, 1000)] | None = None
     """For train: so many seeds in one program, beside one seed alone."""
     seconds: Annotated[float, Range(0, 3600, above=True)] = 5.0
@@ -87,7 +87,7 @@ def main(args: Sequence[str]) -> int:
         from loco_mjx.scene.tasks import get_task
 
         get_task(options.task)
-        machine.set_up(machine.shards(options.num_envs or NUM_ENVS))
+        machine.set_up(machine.shards(options.num_envs or NUM_ENVS[options.controller]))
         result = measure(options)
         devices = provenance.devices()
         result |= {"devices": devices["count"], "device_kind": devices["kind"], "versions": provenance.versions()}
@@ -156,7 +156,7 @@ def learnt(result: dict[str, Any]) -> Any:
 
 def measure(options: Options) -> dict[str, Any]:
     """The figures of one part."""
-    num_envs = options.num_envs or NUM_ENVS
+    num_envs = options.num_envs or NUM_ENVS[options.controller]
     where = {} if options.part == "mpc" else {"task": options.task}
     what = {"bench": options.part} | where | {"robot": options.robot, "num_envs": num_envs}
     what |= {"controller": options.controller} if options.part in READ["--controller"] else {}
