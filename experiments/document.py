@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from experiments import high_level_section
 from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, len_episodes, rows, runs
 from experiments.ordering import comparison
 from experiments.robots_section import robots, whole_body
@@ -227,6 +228,7 @@ def _longest(found: dict[str, Path]) -> dict[str, Path]:
 def main() -> None:
     """Writes the document and its figure."""
     curves()
+    high_level_section.curves(ROOT / "docs")
     (ROOT / "docs" / "results.md").write_text(
         "\n".join(
             part
@@ -237,6 +239,7 @@ def main() -> None:
                 comparison(),
                 robots(),
                 whole_body(),
+                high_level_section.high_level(),
                 simcheck(),
                 speed(),
                 ratios(),

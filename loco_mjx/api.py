@@ -45,13 +45,14 @@ def configure(preset: str = "fast", keys: Mapping[str, Any] | None = None, **top
     Args:
         preset: "paper", "fast" or "real".
         keys: values by key of the configuration, as `loco-mjx train --help-all` lists them: `env.reward.alive`.
-        **top: what has no group: `policy`, `method`, `seed`; and, as on the command line, `task`, `robot`, `num_envs`
-            and `total_steps`.
+        **top: what has no group: `policy`, `method`, `seed`; and, as on the command line, `task`, `robot`,
+            `controller`, `num_envs` and `total_steps`.
 
     Raises:
         UserError: if a name or a key is unknown, or a value is not accepted.
     """
-    short = {"task": "env.task", "robot": "env.robot", "num_envs": "ppo.num_envs", "total_steps": "ppo.total_steps"}
+    short = {name: f"env.{name}" for name in ("task", "robot", "controller")}
+    short |= {name: f"ppo.{name}" for name in ("num_envs", "total_steps")}
     changes = {short.get(name, name): value for name, value in top.items()} | dict(keys or {})
     config = settings.complete(config_lib.with_values(config_lib.preset(preset), changes))
     settings.check(config)

@@ -25,15 +25,17 @@ class Readings:
         quat: (4,) unit quaternion of the trunk, (w, x, y, z).
         gyro: (3,) angular velocity in the trunk's frame, rad/s.
         angles: (12,) of the joints, rad.
-        last_action: (12,) last joint targets relative to the default pose, rad.
+        last_action: (12,) last joint targets relative to the default pose, rad; None where there are none.
         displacement: (3,) of the base over the last control step, world frame, m; None where its place is not known.
+        velocity: (3,) of the trunk, the mean over the last control step, world frame, m/s; None where it is not known.
     """
 
     quat: Array
     gyro: Array
     angles: Array
-    last_action: Array
+    last_action: Array | None
     displacement: Array | None
+    velocity: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,18 @@ class Sensor:
 SENSORS: dict[str, Sensor] = {
     "displacement": Sensor(
         3, "m", "base displacement x, y, z over the last control step, world frame", lambda r, xp: r.displacement
+    ),
+    "velocity": Sensor(
+        3,
+        "m/s",
+        "velocity of the trunk x, y, z, the mean over the last control step, world frame",
+        lambda r, xp: r.velocity,
+    ),
+    "attitude": Sensor(
+        3,
+        "rad",
+        "roll, pitch, yaw",
+        lambda r, xp: xp.concatenate([rotations.roll_pitch(r.quat, xp), rotations.yaw(r.quat, xp)[None]]),
     ),
     "imu": Sensor(
         4,

@@ -49,6 +49,33 @@ def test_real_preset_is_the_fast_one_without_what_the_robot_cannot_measure():
     assert dataclasses.replace(env, observation=observation, randomization=randomization) == fast.env
 
 
+@pytest.mark.parametrize("name", config_lib.PRESETS)
+def test_the_whole_body_controllers_policies_are_the_papers(name):
+    config = config_lib.preset(name, controller="mpc")
+    config_lib.check(config, num_devices=2)
+    env = config.env
+    assert (env.horizon, config.ppo.samples_per_iteration, env.action_size) == (500, 4096, 2)
+    assert (env.reward.forward, env.reward.energy, env.reward.alive) == (0.5, 0.0, 0.1)
+    assert not env.randomization.enabled and env.observation.state_size == 6
+    assert config.network == config_lib.preset(name).network
+    assert train.configuration(train.read(["--preset", name, "--controller", "mpc"])) == config
+    assert train.configuration(train.read(["--preset", name, "--env.controller=mpc"])) == config
+    assert config_lib.with_keys(config_lib.preset(name), [("env.controller", "mpc")]) == config
+
+
+def test_what_is_chosen_beside_a_controller_stays_and_leaving_it_leaves_nothing():
+    chosen = config_lib.with_keys(Config(), [("env.horizon", "80"), ("env.controller", "mpc")])
+    assert (chosen.env.horizon, chosen.env.reward.forward) == (80, 0.5)
+    assert config_lib.with_controller(config_lib.with_controller(Config(), "mpc"), "pd") == Config()
+
+
+def test_an_observation_of_nothing_is_refused():
+    config = config_lib.preset("fast", controller="mpc")
+    observed = dataclasses.replace(config.env.observation, velocity=False, attitude=False)
+    with refusal("env.observation True"):
+        config_lib.check(dataclasses.replace(config, env=dataclasses.replace(config.env, observation=observed)))
+
+
 @pytest.mark.parametrize("policy", ["state-only", "loco-transformer"])
 def test_the_command_trains_the_real_preset_on_84_numbers(policy):
     sizes = ["--num-envs", "2", "--ppo.unroll", "4", "--ppo.minibatch", "4", "--ppo.pool-size", "2"]

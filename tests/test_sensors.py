@@ -20,7 +20,7 @@ QUAT = np.array([np.cos(HALF), np.sin(HALF), 0.0, 0.0])  # rolled by 0.3 rad
 
 
 def readings(xp, rng):
-    arrays = rng.normal(size=3), rng.normal(size=12), rng.normal(size=12), rng.normal(size=3)
+    arrays = rng.normal(size=3), rng.normal(size=12), rng.normal(size=12), rng.normal(size=3), rng.normal(size=3)
     return Readings(*(xp.asarray(array) for array in (QUAT, *arrays)))
 
 
@@ -30,6 +30,7 @@ def test_every_sensor_has_its_size_and_is_the_same_for_jax_and_for_numpy():
         assert ours[name].shape == theirs[name].shape == (sensor.size,)
         np.testing.assert_allclose(ours[name], theirs[name], atol=1e-6)
     assert ours["imu"][:2] == pytest.approx([0.3, 0.0], abs=1e-6)
+    assert ours["attitude"] == pytest.approx([0.3, 0.0, 0.0], abs=1e-6)
 
 
 @pytest.fixture

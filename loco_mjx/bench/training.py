@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jp
 from jax.sharding import PartitionSpec as P
 
+from loco_mjx import controllers
 from loco_mjx.bench.timing import Rolling, seconds_in_turn, seconds_per_call
 from loco_mjx.config import Config, preset
 from loco_mjx.env import LocoEnv, autoreset
@@ -25,8 +26,10 @@ POOL = 64  # scenes to reset into
 Result = dict[str, Any]
 
 
-def bench_config(task: str, policy: str, num_envs: int | None, robot: str = DEFAULT) -> Config:
-    """The `fast` preset's configuration for a task, a policy and a robot.
+def bench_config(
+    task: str, policy: str, num_envs: int | None, robot: str = DEFAULT, controller: str = controllers.DEFAULT
+) -> Config:
+    """The `fast` preset's configuration for a task, a policy, a robot and a controller.
 
     Raises:
         UserError: if a name is unknown or sizes do not divide.
@@ -34,9 +37,9 @@ def bench_config(task: str, policy: str, num_envs: int | None, robot: str = DEFA
     from loco_mjx.networks.policies import make_networks
     from loco_mjx.networks.registry import POLICIES
 
-    base = preset("fast", robot)
+    base = preset("fast", robot, controller)
     ppo = base.ppo if num_envs is None else dataclasses.replace(base.ppo, num_envs=num_envs)
-    make_networks(policy, base.network, base.env.action.size)  # refuses unknown names
+    make_networks(policy, base.network, base.env.action_size)  # refuses unknown names
     depth = dataclasses.replace(base.env.observation.depth, enabled=POLICIES[policy].uses_depth)
     observation = dataclasses.replace(base.env.observation, depth=depth)
     env = dataclasses.replace(base.env, task=task, observation=observation)

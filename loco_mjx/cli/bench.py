@@ -24,6 +24,7 @@ SCENES = ("depth", "physics", "env", "train")
 READ = {
     "--task": (*SCENES, "learn"),
     "--robot": (*SCENES, "mpc"),
+    "--controller": ("env", "train"),
     "--seconds": (*SCENES, "mpc"),
     "--seeds": ("train",),
     "--method": ("learn",),
@@ -51,6 +52,8 @@ class Options:
     """Of which robot, by name or the path of its MJCF."""
     policy: str = "loco-transformer"
     """For train, and for env, where it decides whether depth is rendered."""
+    controller: Literal["pd", "mpc"] = "pd"
+    """For env and train: what the policy commands."""
     num_envs: NumEnvs | None = None
     """Environments side by side; None: 256."""
     seeds: Annotated[int, Range(1, 1000)] | None = None
@@ -156,6 +159,7 @@ def measure(options: Options) -> dict[str, Any]:
     num_envs = options.num_envs or NUM_ENVS
     where = {} if options.part == "mpc" else {"task": options.task}
     what = {"bench": options.part} | where | {"robot": options.robot, "num_envs": num_envs}
+    what |= {"controller": options.controller} if options.part in READ["--controller"] else {}
     if options.part == "depth":
         from loco_mjx.bench.depth import bench_depth
 
@@ -170,7 +174,7 @@ def measure(options: Options) -> dict[str, Any]:
         return what | bench_mpc(num_envs, options.seconds, options.robot)
     from loco_mjx.bench import training
 
-    config = training.bench_config(options.task, options.policy, num_envs, options.robot)
+    config = training.bench_config(options.task, options.policy, num_envs, options.robot, options.controller)
     if options.seeds is not None:
         return what | training.bench_seeds(config, options.seconds, options.seeds)
     run = training.bench_env if options.part == "env" else training.bench_train

@@ -16,6 +16,7 @@ from loco_mjx.cli.parse import parse
 from loco_mjx.deploy import folder
 from loco_mjx.deploy.a1_robot import A1Robot
 from loco_mjx.deploy.folder import Manifest
+from loco_mjx.deploy.guided import Guided
 from loco_mjx.deploy.mujoco_robot import Imperfections, MujocoRobot
 from loco_mjx.deploy.observer import check_readable
 from loco_mjx.deploy.record import Record
@@ -38,14 +39,14 @@ class Options:
 
     policy: tyro.conf.Positional[Path | None] = None
     """Folder that `loco-mjx export` wrote, or the name of a shipped policy; none for --controller."""
-    controller: Literal["mpc"] | None = None
-    """Walk by the whole-body controller instead of a policy (docs/whole_body.md)."""
+    controller: Literal["pd", "mpc"] | None = None
+    """With a policy: whose it has to be. Without: mpc walks as --vx and --yaw say (docs/whole_body.md)."""
     vx: Annotated[float, Range(-10, 10)] = 0.3
-    """For --controller: speed ahead, m/s; clipped to ±0.4."""
+    """Without a policy: speed ahead, m/s; clipped to ±0.4."""
     yaw: Annotated[float, Range(-10, 10)] = 0.0
-    """For --controller: yaw rate, rad/s; clipped to ±0.3."""
+    """Without a policy: yaw rate, rad/s; clipped to ±0.3."""
     body: str = DEFAULT
-    """For --controller in C MuJoCo: which robot, by name or the path of its MJCF."""
+    """Without a policy, in C MuJoCo: which robot, by name or the path of its MJCF."""
     robot: Literal["mujoco", "a1"] = "mujoco"
     """The policy's own robot in C MuJoCo, or a real A1 (docs/deployment.md)."""
     task: str = "thin"
@@ -71,12 +72,17 @@ def main(args: Sequence[str]) -> int:
     options = parse(Options, args, PROG)
     if options.log is not None and (options.log.is_dir() or not options.log.parent.is_dir()):
         raise UserError(f"'{options.log}' cannot be written; accepted: a file in a directory that exists")
-    if options.controller is not None:
+    if options.policy is None and options.controller == "mpc":
         return walk(options)
     if options.policy is None:
         raise UserError("no policy to run; accepted: a folder that `loco-mjx export` wrote, or --controller mpc")
     where = policies.find(options.policy)
     manifest = folder.read(where)
+    if options.controller not in (None, manifest.controller.name):
+        raise UserError(
+            f"{options.policy} is a policy for controller '{manifest.controller.name}'; accepted: that one, or none; "
+            "--controller mpc alone walks without a policy"
+        )
     session = Session(manifest, where)
     robot: MujocoRobot | A1Robot
     if options.robot == "a1":
@@ -87,12 +93,14 @@ def main(args: Sequence[str]) -> int:
     else:
         # Simulated time stands still while the policy thinks: its own processor time counts, not who else uses it.
         robot, clock, patience = simulated(options, manifest), time.thread_time, PATIENCE
+    how: dict[str, Any] = {"limits": options.limits, "clock": clock, "say": say, "patience": patience}
     try:
-        runner = Runner(manifest, session, robot, options.limits, clock=clock, say=say, patience=patience)
-        record = runner.run(options.seconds)
+        if manifest.controller.name == Runner.for_controller:
+            return ended(options, Runner(manifest, session, robot, **how).run(options.seconds))
+        walker = Guided(manifest, session, get_robot(manifest.body), robot, **how)
+        return walked(options, walker, walker.run(options.seconds))
     finally:
         robot.close()
-    return ended(options, record)
 
 
 def walk(options: Options) -> int:
@@ -101,8 +109,6 @@ def walk(options: Options) -> int:
     Raises:
         UserError: before the robot is commanded, if anything is wrong.
     """
-    if options.policy is not None:
-        raise UserError("--controller mpc walks without a policy; accepted: the one or the other")
     about = get_robot(options.body)
     robot: MujocoRobot | A1Robot
     if options.robot == "a1":
@@ -114,9 +120,13 @@ def walk(options: Options) -> int:
     try:
         command = (options.vx, options.yaw)
         walker = Walker(about, lambda _: command, robot, options.limits, clock=clock, say=say, patience=patience)
-        record = walker.run(options.seconds)
+        return walked(options, walker, walker.run(options.seconds))
     finally:
         robot.close()
+
+
+def walked(options: Options, walker: Walker, record: Record) -> int:
+    """As :func:`ended`, of the whole-body controller."""
     print(f"programs not solved: {walker.unsolved}")
     return ended(options, record)
 
@@ -132,9 +142,9 @@ def ended(options: Options, record: Record) -> int:
 
 def simulated(options: Options, manifest: Manifest, rate: int | None = None) -> MujocoRobot:
     """The policy's robot in C MuJoCo, in the scene that was asked for; what moves there does `rate` times a second."""
-    scene = options.scene
-    model, between = generated(options.task, options.seed, manifest.body) if scene is None else from_file(scene)
-    rates: dict[str, Any] = {"between": between, "policy_hz": rate or manifest.policy_hz}
+    scene, rate = options.scene, rate or manifest.policy_hz
+    model, between = generated(options.task, options.seed, manifest.body, rate) if scene is None else from_file(scene)
+    rates: dict[str, Any] = {"between": between, "policy_hz": rate}
     return MujocoRobot(model, manifest.camera, options.imperfections, options.seed, **rates)
 
 
@@ -156,8 +166,10 @@ def from_file(path: Path) -> tuple[Any, None]:
         raise UserError(f"'{path}' is no MJCF: {error}") from error
 
 
-def generated(task: str, seed: int, robot: str = DEFAULT) -> tuple[Any, Callable[[Any, Any], None] | None]:
-    """A task's scene with a robot in it, and what moves its obstacles if they move.
+def generated(
+    task: str, seed: int, robot: str = DEFAULT, rate: int | None = None
+) -> tuple[Any, Callable[[Any, Any], None] | None]:
+    """A task's scene with a robot in it, and what moves its obstacles if they move, `rate` times a second.
 
     Raises:
         UnknownNameError: if there is no task, or no robot, of that name.
@@ -179,7 +191,8 @@ def generated(task: str, seed: int, robot: str = DEFAULT) -> tuple[Any, Callable
     scene_key, motion_key = jax.random.split(jax.random.PRNGKey(seed))
     scene = jax.jit(chosen.generate)(scene_key)
     body = get_robot(robot)
-    return scene_spec(scene, body).compile(), mover(scene, motion_key, body.control_dt) if chosen.moving else None
+    moves = mover(scene, motion_key, 1 / (rate or body.policy_hz)) if chosen.moving else None
+    return scene_spec(scene, body).compile(), moves
 
 
 def mover(scene: Any, key: Any, control_dt: float) -> Callable[[Any, Any], None]:

@@ -42,5 +42,9 @@ def main(args: Sequence[str]) -> int:
     manifest = export.export(policies.find(options.directory), options.out, options.step)
     training, inputs = manifest["training"], ", ".join(manifest["inputs"])
     print(f"wrote {options.out}: {manifest['policy']} trained on {training['task']} ({training['samples']:,} samples)")
-    print(f"in: {inputs}; out: 12 joint targets, rad; next: loco-mjx deploy {options.out} --task {training['task']}")
+    out = "; ".join(
+        f"{about['shape'][0]} {about['meaning'].partition(' of ')[0]}, {about['unit']}"
+        for about in manifest["outputs"].values()
+    )
+    print(f"in: {inputs}; out: {out}; next: loco-mjx deploy {options.out} --task {training['task']}")
     return 0

@@ -14,14 +14,13 @@ from loco_mjx import policies
 from loco_mjx.cli.options import Step
 from loco_mjx.cli.parse import parse
 from loco_mjx.cli.scene import choose_gl
+from loco_mjx.controllers import SPEED_LIMIT, YAW_RATE_LIMIT
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import SEED, Range
 from loco_mjx.robots import DEFAULT
 
 if TYPE_CHECKING:
-    from loco_mjx.config import EnvConfig
     from loco_mjx.show.rollout import Agent
-    from loco_mjx.show.walking import Walking
 
 PROG = "loco-mjx play"
 RATES = (25.0, 12.5, 5.0)  # frames per second; whole numbers of control steps at 25 Hz
@@ -131,16 +130,15 @@ def check(options: Options) -> None:
 
 def _agent(options: Options) -> Agent:
     from loco_mjx.deploy import trained
-    from loco_mjx.show.rollout import Agent
+    from loco_mjx.show.rollout import Agent, Kind
 
     policy = None
     if options.directory is not None:
         policy = trained.load(policies.find(options.directory), options.step)
-    return Agent(
-        "zero" if options.zero or options.controller else "random" if options.random else "policy",
-        policy,
-        options.robot or DEFAULT,
-    )
+    kind: Kind = options.controller or ("zero" if options.zero else "random" if options.random else "policy")
+    if options.controller:
+        say_limits(options)
+    return Agent(kind, policy, options.robot or DEFAULT, (options.vx, options.yaw))
 
 
 def pace(control_dt: float, fps: float) -> tuple[int, float]:
@@ -152,10 +150,8 @@ def pace(control_dt: float, fps: float) -> tuple[int, float]:
 def _film(options: Options, agent: Agent) -> None:
     from loco_mjx.show.record import record
     from loco_mjx.show.rollout import Rollout
-    from loco_mjx.show.walking import Walking
 
-    config = agent.env_config(options.task)
-    rollout = _walking(options, agent, config) if options.controller else Rollout(agent, config)
+    rollout = Rollout(agent, agent.env_config(options.task))
     every, fps = pace(rollout.env.dt, options.fps)
     done = record(
         rollout,
@@ -175,18 +171,13 @@ def _film(options: Options, agent: Agent) -> None:
             print(f"wrote {path} ({path.stat().st_size // 1024} KB)")
     for step, distance in done.ends:
         print(f"an episode ended after {step} steps, {distance:.2f} m; another scene followed")
-    if isinstance(rollout, Walking):
+    if rollout.unsolved is not None:
         print(f"programs not solved: {rollout.unsolved}")
-    who = options.controller or agent.kind
-    print(f"{who} on {rollout.config.task}: {done.distance:.2f} m in the episode shown last")
+    print(f"{agent.kind} on {rollout.config.task}: {done.distance:.2f} m in the episode shown last")
 
 
-def _walking(options: Options, agent: Agent, config: EnvConfig) -> Walking:
-    """The whole-body controller's rollout; says what of the command is beyond its limits."""
-    from loco_mjx.show.walking import Walking
-    from loco_mjx.whole_body.config import SPEED_LIMIT, YAW_RATE_LIMIT
-
+def say_limits(options: Options) -> None:
+    """Says what of the command is beyond the whole-body controller's limits."""
     for name, value, limit in (("vx", options.vx, SPEED_LIMIT), ("yaw", options.yaw, YAW_RATE_LIMIT)):
         if abs(value) > limit:
             print(f"{name} {value:g} is clipped to {math.copysign(limit, value):g}")
-    return Walking(agent, config, (options.vx, options.yaw))

@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 import tyro
 
 from loco_mjx import config as config_lib
+from loco_mjx import controllers
 from loco_mjx.cli import words
 from loco_mjx.cli.parse import parse
 from loco_mjx.config import Config, DistillConfig, EnvConfig, NetworkConfig, PPOConfig
@@ -30,7 +31,13 @@ PROG = "loco-mjx train"
 PRESET = "fast"
 CPU_MINUTES = 20
 KEYS = ("env", "network", "ppo", "distill")  # of the configuration; every key in them is an option
-SHORT_FORMS = {"task": "env.task", "robot": "env.robot", "num_envs": "ppo.num_envs", "total_steps": "ppo.total_steps"}
+SHORT_FORMS = {
+    "task": "env.task",
+    "robot": "env.robot",
+    "controller": "env.controller",
+    "num_envs": "ppo.num_envs",
+    "total_steps": "ppo.total_steps",
+}
 
 
 @dataclass(frozen=True)
@@ -44,6 +51,8 @@ class Options:
     """Task to train on, one of those above; None: thin."""
     robot: str | None = None
     """Robot to train, one of those above or the path of its MJCF (docs/robots.md); None: a1."""
+    controller: Literal["pd", "mpc"] | None = None
+    """Between policy and motors; None: pd."""
     policy: str = "loco-transformer"
     """Policy to train, one of those above; it decides whether depth is rendered."""
     method: Literal["ppo", "distill"] = "ppo"
@@ -61,7 +70,7 @@ class Options:
     eval_tasks: str | None = None
     """Tasks to evaluate on besides its own as it learns, e.g. wide,moving."""
     out: Path | None = None
-    """Directory of the run; None: runs/TASK/POLICY/seedSEED, runs/ROBOT/TASK/… but for a1. With --seeds its parent."""
+    """Directory of the run; None: runs/[ROBOT/][mpc/]TASK/POLICY/seedSEED. With --seeds its parent."""
     coordinator: str | None = None
     """HOST:PORT of process 0, for a run over several; under `srun` with several tasks SLURM says it."""
     process_id: Annotated[int, Range(0, 2**16)] | None = None
@@ -149,7 +158,7 @@ def planned(options: Options, args: Sequence[str], config: Config) -> list[Run]:
     """
     from loco_mjx.cli.comma_lists import parse_seeds
 
-    home = Path("runs", *_robot_folder(config.env.robot), config.env.task, config.policy)
+    home = Path("runs", *_folders(config.env), config.env.task, config.policy)
     if options.seeds is None:
         return [Run(config, options.out or home / f"seed{config.seed}")]
     if any(name == "--seed" for name, _ in words.given(args)):
@@ -164,9 +173,10 @@ def planned(options: Options, args: Sequence[str], config: Config) -> list[Run]:
     return [Run(dataclasses.replace(config, seed=seed), home / f"seed{seed}") for seed in seeds]
 
 
-def _robot_folder(name: str) -> list[str]:
-    """What of a run's path tells a robot from the default one."""
-    return [] if name == DEFAULT else [get_robot(name).name]
+def _folders(env: EnvConfig) -> list[str]:
+    """What of a run's path tells a robot and a controller from the default ones."""
+    robot = [] if env.robot == DEFAULT else [get_robot(env.robot).name]
+    return robot + ([] if env.controller == controllers.DEFAULT else [env.controller])
 
 
 def read(args: Sequence[str]) -> Options:
@@ -178,7 +188,9 @@ def read(args: Sequence[str]) -> Options:
     default = Options()
     named = {name: values[0] for name, values in words.given(args) if values}
     default = dataclasses.replace(default, preset=named.get("--preset", default.preset))
-    base = config_lib.preset(default.preset, named.get("--robot", named.get("--env.robot", DEFAULT)))
+    robot = named.get("--robot", named.get("--env.robot", DEFAULT))
+    controller = named.get("--controller", named.get("--env.controller", controllers.DEFAULT))
+    base = config_lib.preset(default.preset, robot, controller)
     default = dataclasses.replace(default, env=base.env, network=base.network, ppo=base.ppo)
     options = parse(Options, args, PROG, default, names=("tasks", "robots", "policies", "presets"), keys=KEYS)
     _check_short_forms(options, args)

@@ -1,6 +1,7 @@
 """The configuration: the tree of its values, presets, what methods make of it, checks, and JSON."""
 
 from loco_mjx.config.checks import check
+from loco_mjx.config.controllers import with_controller
 from loco_mjx.config.keys import flatten, with_keys, with_values
 from loco_mjx.config.methods import teacher_of, with_method
 from loco_mjx.config.presets import PRESETS, preset, with_robot
@@ -40,6 +41,7 @@ __all__ = [
     "preset",
     "teacher_of",
     "to_dict",
+    "with_controller",
     "with_keys",
     "with_method",
     "with_robot",

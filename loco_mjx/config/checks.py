@@ -6,7 +6,8 @@ import dataclasses
 
 from loco_mjx import ranges
 from loco_mjx.config.methods import teacher_of
-from loco_mjx.config.tree import Config
+from loco_mjx.config.tree import Config, EnvConfig
+from loco_mjx.controllers import get_controller
 from loco_mjx.errors import UserError
 from loco_mjx.robots import get_robot
 
@@ -21,6 +22,7 @@ def check(config: Config, num_devices: int = 1) -> None:
     """
     ranges.check(config)
     get_robot(config.env.robot)
+    _check_observation(config.env)
     ppo = config.ppo
     if ppo.num_envs % num_devices:
         raise UserError(f"ppo.num_envs {ppo.num_envs} does not divide over {num_devices} devices; accepted: a multiple")
@@ -41,6 +43,17 @@ def check(config: Config, num_devices: int = 1) -> None:
     _check_order(config)
     if config.method == "distill":
         _check_distill(config, num_devices)
+
+
+def _check_observation(env: EnvConfig) -> None:
+    """Checks that there is a state, of what the controller's policies can know."""
+    if not env.observation.state_size:
+        raise UserError("env.observation has no sensor; accepted: one of them True at least")
+    if env.observation.last_action and get_controller(env.controller).scale is not None:
+        raise UserError(
+            f"env.observation.last_action is True, joint targets, which controller '{env.controller}' has none of; "
+            "accepted: False"
+        )
 
 
 def _check_distill(config: Config, num_devices: int) -> None:

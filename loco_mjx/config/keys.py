@@ -7,13 +7,14 @@ import typing
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal, Union
 
+from loco_mjx.config.controllers import with_controller
 from loco_mjx.config.presets import with_robot
 from loco_mjx.config.tree import Config
 from loco_mjx.config.written import from_dict, to_dict
 from loco_mjx.errors import UnknownNameError, UserError
 from loco_mjx.ranges import complaint, values
 
-ROBOT = "env.robot"
+ROBOT, CONTROLLER = "env.robot", "env.controller"
 
 
 def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -57,6 +58,8 @@ def with_values(config: Config, changes: Mapping[str, Any]) -> Config:
     """
     if ROBOT in changes:  # whose own gains the others may then change
         config = with_robot(config, changes[ROBOT])
+    if CONTROLLER in changes:  # whose own horizon, sensors and reward likewise
+        config = with_controller(config, changes[CONTROLLER])
     tree, known = to_dict(config), [path for path, _, _ in values(config)]
     for key, value in changes.items():
         if key not in known:

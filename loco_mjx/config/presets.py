@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
+from loco_mjx import controllers
+from loco_mjx.config.controllers import with_controller
 from loco_mjx.config.tree import Config
 from loco_mjx.errors import UnknownNameError
 from loco_mjx.robots import DEFAULT, get_robot
@@ -69,13 +71,13 @@ def with_robot(config: Config, name: str) -> Config:
 PRESETS = {"paper": _paper, "fast": _fast, "real": _real}
 
 
-def preset(name: str, robot: str = DEFAULT) -> Config:
-    """The configuration of a preset for a robot.
+def preset(name: str, robot: str = DEFAULT, controller: str = controllers.DEFAULT) -> Config:
+    """The configuration of a preset for a robot under a controller.
 
     Raises:
-        UnknownNameError: if there is no preset, or no robot, of that name.
+        UnknownNameError: if there is no preset, no robot, or no controller, of that name.
         UserError: if the robot's MJCF does not fit.
     """
     if name not in PRESETS:
         raise UnknownNameError("preset", name, PRESETS)
-    return with_robot(PRESETS[name](Config()), robot)
+    return with_controller(with_robot(PRESETS[name](Config()), robot), controller)

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from loco_mjx import sensors
+from loco_mjx import controllers, sensors
 from loco_mjx.config.reward_terms import Weights, default_weights
 from loco_mjx.ranges import SEED, Each, Range
 from loco_mjx.robots import DEFAULT, NJOINT
@@ -76,6 +76,11 @@ class ObservationConfig:
 
     state_frames: Frames = 3  # proprioceptive frames, newest first
     displacement: bool = True  # base displacement over the last control step (off: the real robot's 84-D state)
+    velocity: bool = False  # of the trunk; this and the next are the whole-body controller's policies'
+    attitude: bool = False  # roll, pitch, yaw
+    imu: bool = True  # roll, pitch and their rates
+    last_action: bool = True  # joint targets
+    angles: bool = True  # of the joints
     goal: bool = False  # goal relative to the base, appended to `state`
     privileged: bool = False  # `privileged`: what only a simulator knows (loco_mjx/env/privileged.py)
     depth: DepthConfig = field(default_factory=DepthConfig)
@@ -159,6 +164,7 @@ class EnvConfig:
 
     task: str = "thin"
     robot: str = DEFAULT  # by name, or the path of its MJCF
+    controller: Literal["pd", "mpc"] = "pd"  # loco_mjx/controllers.py; what else it changes, by `with_controller`
     horizon: Annotated[int, Range(1, 1_000_000)] = 1000  # control steps
     kp: Kp = 40.0  # N·m/rad; this, kd and action.scale are the A1's, others' by `with_robot`
     kd: Kd = 0.6  # N·m·s/rad
@@ -169,6 +175,12 @@ class EnvConfig:
     termination: TerminationConfig = field(default_factory=TerminationConfig)
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
+
+    @property
+    def action_size(self) -> int:
+        """Dimension of the policy's action."""
+        controller = controllers.get_controller(self.controller)
+        return self.action.size if controller.scale is None else controller.size
 
 
 @dataclass(frozen=True)

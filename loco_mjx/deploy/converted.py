@@ -11,39 +11,44 @@ import jax
 import jax.numpy as jp
 import numpy as np
 
-from loco_mjx.deploy.description import STATE, TARGETS
+from loco_mjx.controllers import Controller
+from loco_mjx.deploy.description import STATE
 from loco_mjx.errors import UserError
 
 OPSET, IR_VERSION = 21, 10  # the oldest that has what jax2onnx writes; onnxruntime 1.18 reads it
-TOLERANCE = 1e-4  # rad, between the graph and the policy
+TOLERANCE = 1e-4  # rad, or the unit of what the controller takes, between the graph and the policy
 SAMPLES = 64
 Targets = Callable[..., jax.Array]
 Shapes = Mapping[str, tuple[int, ...]]
 
 
-def convert(name: str, targets: Targets, shapes: Shapes, mean: np.ndarray, std: np.ndarray) -> Any:
+def convert(
+    name: str, targets: Targets, shapes: Shapes, mean: np.ndarray, std: np.ndarray, controller: Controller
+) -> Any:
     """The ONNX model of a function, compared with it on random observations.
 
     Args:
         name: of the policy, for messages.
-        targets: from observations with leading axes (...) to joint targets (..., 12), rad.
+        targets: from observations with leading axes (...) to joint targets (..., 12), rad, or what `controller` takes.
         shapes: of what it reads, in order, without leading axes.
         mean: (n,) of `state`, to draw it by.
         std: (n,) likewise.
+        controller: that takes the output.
 
     Raises:
         UserError: if jax2onnx is missing or cannot write it, or what it wrote differs.
     """
-    model = written(name, targets, shapes)
+    model = written(name, targets, shapes, controller.output)
     difference = disagreement(model, targets, observations(shapes, mean, std))
     if not difference <= TOLERANCE:  # NaN is no agreement
         raise UserError(
-            f"the ONNX graph of policy '{name}' differs from it by {difference:.1e} rad; accepted: {TOLERANCE:g}"
+            f"the ONNX graph of policy '{name}' differs from it by {difference:.1e} {controller.unit}; "
+            f"accepted: {TOLERANCE:g}"
         )
     return model
 
 
-def written(name: str, targets: Targets, shapes: Shapes) -> Any:
+def written(name: str, targets: Targets, shapes: Shapes, output: str) -> Any:
     """The ONNX model of a function as jax2onnx writes it, not yet compared; arguments as of `convert`.
 
     Raises:
@@ -64,7 +69,7 @@ def written(name: str, targets: Targets, shapes: Shapes) -> Any:
     try:
         with _quiet():
             model = jax2onnx.to_onnx(
-                one, arguments, model_name="policy", opset=OPSET, input_names=list(shapes), output_names=[TARGETS]
+                one, arguments, model_name="policy", opset=OPSET, input_names=list(shapes), output_names=[output]
             )
     except Exception as error:  # whatever it meets in a module that it cannot write
         lines = str(error).strip().splitlines() or [type(error).__name__]
@@ -84,7 +89,7 @@ def observations(shapes: Shapes, mean: np.ndarray, std: np.ndarray) -> dict[str,
 
 
 def disagreement(model: Any, targets: Targets, obs: Mapping[str, np.ndarray]) -> float:
-    """The largest difference between a graph and the function it stands for, rad.
+    """The largest difference between a graph, with one output, and the function it stands for.
 
     Raises:
         UserError: if onnxruntime is missing or does not take the graph.
@@ -100,7 +105,7 @@ def disagreement(model: Any, targets: Targets, obs: Mapping[str, np.ndarray]) ->
     except Exception as error:  # onnxruntime's errors have no common base
         raise UserError(f"onnxruntime does not take the graph that jax2onnx wrote: {error}") from error
     count = len(next(iter(obs.values())))
-    got = [session.run([TARGETS], {name: values[i] for name, values in obs.items()})[0] for i in range(count)]
+    got = [session.run(None, {name: values[i] for name, values in obs.items()})[0] for i in range(count)]
     return float(np.max(np.abs(np.array(got) - np.asarray(jax.jit(targets)(*obs.values())))))
 
 

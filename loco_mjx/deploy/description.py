@@ -11,12 +11,13 @@ import json
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from loco_mjx.config import Config, DepthConfig, ObservationConfig, to_dict
-from loco_mjx.robots import NJOINT, Robot, get_robot, joint_names
+from loco_mjx.config import Config, DepthConfig, EnvConfig, ObservationConfig, to_dict
+from loco_mjx.controllers import Controller, get_controller
+from loco_mjx.robots import Robot, get_robot, joint_names
 from loco_mjx.sensors import SENSORS, in_use
 
 FORMAT, VERSION = "loco-mjx policy", 2
-STATE, DEPTH, TARGETS = "state", "depth", "targets"
+STATE, DEPTH = "state", "depth"
 SEAL = "sha256"  # the manifest's own hash
 GOAL = (3, "m", "vector from the base to the goal, turned into the base's heading")
 NEWEST_FIRST = "newest first"
@@ -40,6 +41,7 @@ def describe(config: Config, inputs: Collection[str], hold: int, robot: Robot | 
         robot: that of the configuration, if it is at hand already.
     """
     env, robot = config.env, robot or get_robot(config.env.robot)
+    controller = get_controller(env.controller)
     observation, randomization, plain = env.observation, env.randomization, to_dict(config)
     parts = {STATE: _state(observation), DEPTH: _depth(observation.depth, robot)}
     described = {
@@ -47,8 +49,9 @@ def describe(config: Config, inputs: Collection[str], hold: int, robot: Robot | 
         "format_version": VERSION,
         "policy": config.policy,
         "robot": robot.name,
+        "controller": controller.name,
         "inputs": {name: part for name, part in parts.items() if name in inputs},
-        "outputs": {TARGETS: {"shape": [NJOINT], "unit": "rad", "meaning": "joint targets of the PD controller"}},
+        "outputs": outputs(controller),
         "joints": {
             "order": joint_names(),
             "default_pose": robot.default_pose,
@@ -57,14 +60,26 @@ def describe(config: Config, inputs: Collection[str], hold: int, robot: Robot | 
             "torque_limit": torque_limit(robot),
         },
         "gains": {"kp": env.kp, "kd": env.kd, "unit": "N·m/rad, N·m·s/rad"},
-        "rates": {"policy_hz": robot.policy_hz, "pd_hz": round(1 / robot.physics_dt)},
-        "action": {"scale": env.action.scale, "diagonal": env.action.diagonal, "included_in_onnx": True},
+        "rates": {"policy_hz": controller.rate(robot), "pd_hz": round(1 / robot.physics_dt)},
+        "action": _action(env, controller) | {"included_in_onnx": True},
         "hold": hold,
         "latency": {"trained_with": randomization.latency if randomization.enabled else (0.0, 0.0), "unit": "s"},
         "config_hash": config_hash(plain),
         "config": plain,
     }
     return json.loads(json.dumps(described))
+
+
+def outputs(controller: Controller) -> dict[str, Any]:
+    """What comes out of a controller's policies."""
+    return {controller.output: {"shape": [controller.size], "unit": controller.unit, "meaning": controller.meaning}}
+
+
+def _action(env: EnvConfig, controller: Controller) -> dict[str, Any]:
+    """What an action in [−1, 1] stands for."""
+    if controller.scale is not None:
+        return {"scale": controller.scale}
+    return {"scale": env.action.scale, "diagonal": env.action.diagonal}
 
 
 def config_hash(config: Mapping[str, Any]) -> str:

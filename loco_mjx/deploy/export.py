@@ -12,9 +12,10 @@ import jax.numpy as jp
 import numpy as np
 from flax import traverse_util
 
+from loco_mjx.controllers import get_controller
 from loco_mjx.deploy import converted, description, folder, graph, trained
 from loco_mjx.deploy.description import DEPTH, STATE
-from loco_mjx.env.action import joint_scale, per_joint
+from loco_mjx.env.action import neutral, numbers, scale
 from loco_mjx.errors import UserError
 from loco_mjx.networks.outputs import DEPTH as DEPTH_KEY
 from loco_mjx.networks.outputs import STATE as STATE_KEY
@@ -108,19 +109,21 @@ def inputs(policy: TrainedPolicy) -> dict[str, tuple[int, ...]]:
 
 
 def target_function(policy: TrainedPolicy) -> Callable[..., jax.Array]:
-    """The policy in JAX: (..., n) `state` and (..., H, W, frames) `depth`, as read, to (..., 12) targets in rad."""
+    """The policy in JAX: (..., n) `state` and (..., H, W, frames) `depth`, as read, to what its controller takes.
+
+    That is (..., 12) joint targets in rad, or the whole-body controller's commands (..., 2).
+    """
     actor = policy.actor()
     names = tuple(inputs(policy))
     config = policy.config.env
-    size, robot = config.observation.state_size, get_robot(config.robot)
+    size = config.observation.state_size
 
     def targets(*arrays: jax.Array) -> jax.Array:
         obs = {KEYS[name]: array for name, array in zip(names, arrays, strict=True)}
         if STATE_KEY not in obs:  # whoever reads depth alone
             obs[STATE_KEY] = jp.zeros((*obs[DEPTH_KEY].shape[:-3], size))
         action, _ = actor.act(obs)
-        scaled = jp.array(joint_scale(config.action)) * per_joint(action, config.action)
-        return jp.array(robot.default_pose) + scaled
+        return jp.array(neutral(config)) + jp.array(scale(config)) * numbers(action, config)
 
     return targets
 
@@ -142,16 +145,19 @@ def onnx_model(policy: TrainedPolicy) -> Any:
     name = policy.config.policy
     if POLICIES.find(name).uses_privileged:
         raise UserError(f"policy '{name}' has no ONNX graph: it reads what only a simulator knows")
+    env = policy.config.env
+    controller = get_controller(env.controller)
     if name not in graph.FEATURES:
         mean, std = (np.asarray(x) for x in (policy.normalizer.mean, normalizer_lib.std(policy.normalizer)))
-        return converted.convert(name, target_function(policy), inputs(policy), mean, std)
+        return converted.convert(name, target_function(policy), inputs(policy), mean, std, controller)
     ends = graph.Ends(
         mean=np.asarray(policy.normalizer.mean),
         std=np.asarray(normalizer_lib.std(policy.normalizer)),
         clip=normalizer_lib.CLIP,
         shapes=inputs(policy),
-        default_pose=np.array(get_robot(policy.config.env.robot).default_pose),
-        scale=joint_scale(policy.config.env.action),
+        neutral=neutral(env),
+        scale=scale(env),
+        controller=controller,
     )
     return graph.build(policy.config, jax.tree.map(np.asarray, policy.params["params"]), ends)
 

@@ -1,7 +1,7 @@
 """A policy folder: what its files are, and the checks it has to pass before anything is done with it.
 
 - ``policy.json``: everything a runner has to know (written by loco_mjx/deploy/export.py)
-- ``policy.onnx``: observation in, joint targets (rad) out
+- ``policy.onnx``: observation in; joint targets (rad), or what else the controller takes, out
 - ``policy.npz``: the raw parameters and the normaliser
 - ``policy.stablehlo``: the same function by `jax.export`
 - ``robot.xml``: the robot's MJCF, where it is none of those that come with the package
@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from loco_mjx import controllers
+from loco_mjx.controllers import Controller, get_controller
 from loco_mjx.deploy import schema, strict_json
 from loco_mjx.deploy.description import DEPTH, FORMAT, STATE, VERSION
 from loco_mjx.errors import UserError
@@ -77,6 +79,7 @@ class Manifest:
         policy_hz: ticks per second.
         pd_hz: commands per second, a multiple of policy_hz.
         hold: ticks for which the depth given is held.
+        controller: what its output is for.
         raw: the whole file.
     """
 
@@ -95,6 +98,7 @@ class Manifest:
     policy_hz: int
     pd_hz: int
     hold: int
+    controller: Controller
     raw: Mapping[str, Any]
 
     @property
@@ -194,6 +198,7 @@ def build(raw: Mapping[str, Any], body: Path | None = None) -> Manifest:
         policy_hz=int(rates["policy_hz"]),
         pd_hz=int(rates["pd_hz"]),
         hold=int(raw["hold"]),
+        controller=get_controller(str(raw.get("controller", controllers.DEFAULT))),
         raw=raw,
     )
 

@@ -1,4 +1,4 @@
-"""A policy's networks as an ONNX graph, written from the parameters: observation in, joint targets out.
+"""A policy's networks as an ONNX graph, written from the parameters: observation in, what its controller takes out.
 
 Sizes are fixed and there is no batch axis: a robot has one observation. Weights keep the order of their axes wherever
 ONNX's operators allow; images go through convolutions as (1, channels, height, width).
@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from loco_mjx.config import Config
-from loco_mjx.deploy.description import DEPTH, STATE, TARGETS
+from loco_mjx.controllers import Controller
+from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.env.action import DIAGONAL
-from loco_mjx.robots import NJOINT
 
 OPSET, IR_VERSION = 17, 8  # LayerNormalization came with 17; onnxruntime 1.14 and TensorRT 8.6 read both
 LAYER_NORM_EPSILON = 1e-5
@@ -143,6 +143,10 @@ def _state_depth_concat(b: Builder, params: Tree, config: Config, state: str) ->
     return b.op("Concat", _flat_visual(b, params), b.mlp(state, params["state_encoder"]), axis=0)
 
 
+def _visual_cnn(b: Builder, params: Tree, config: Config, state: str) -> str:
+    return _flat_visual(b, params)
+
+
 def _hierarchical(b: Builder, params: Tree, config: Config, state: str) -> str:
     command = b.op("Tanh", b.dense(_flat_visual(b, params), params["policy_command"]))
     return b.op("Concat", b.mlp(state, params["state_encoder"]), command, axis=0)
@@ -159,6 +163,7 @@ FEATURES: dict[str, Callable[[Builder, Tree, Config, str], str]] = {
     "state-only": _state_only,
     "depth-only": _depth_only,
     "state-depth-concat": _state_depth_concat,
+    "visual-cnn": _visual_cnn,
     "hrl": _hierarchical,
 }
 
@@ -172,16 +177,18 @@ class Ends:
         std: (n,) of `state`.
         clip: of the normalised state, standard deviations.
         shapes: of the inputs the policy reads, by name.
-        default_pose: (12,) rad.
-        scale: (12,) rad.
+        neutral: (n,) what an action of 0 stands for: of joint targets the default pose, rad.
+        scale: (n,) what an action of 1 adds.
+        controller: that takes it.
     """
 
     mean: np.ndarray
     std: np.ndarray
     clip: float
     shapes: dict[str, tuple[int, ...]]
-    default_pose: np.ndarray
+    neutral: np.ndarray
     scale: np.ndarray
+    controller: Controller
 
 
 def build(config: Config, params: Tree, ends: Ends) -> Any:
@@ -196,11 +203,11 @@ def build(config: Config, params: Tree, ends: Ends) -> Any:
     state = _normalized(b, ends) if STATE in ends.shapes else ""
     features = FEATURES[config.policy](b, params, config, state)
     action = b.op("Tanh", b.head(features, params["policy_head"]["mean"]))
-    if config.env.action.diagonal:
+    if config.env.action.diagonal and ends.controller.scale is None:
         action = b.op("Gather", action, b.constant(list(DIAGONAL), np.int64), axis=0)
     scaled = b.op("Mul", action, b.constant(ends.scale))
-    b.op("Add", scaled, b.constant(ends.default_pose))
-    return _model(b, ends.shapes)
+    b.op("Add", scaled, b.constant(ends.neutral))
+    return _model(b, ends)
 
 
 def _normalized(b: Builder, ends: Ends) -> str:
@@ -208,13 +215,14 @@ def _normalized(b: Builder, ends: Ends) -> str:
     return b.op("Clip", b.op("Div", centred, b.constant(ends.std)), b.constant(-ends.clip), b.constant(ends.clip))
 
 
-def _model(b: Builder, shapes: dict[str, tuple[int, ...]]) -> Any:
+def _model(b: Builder, ends: Ends) -> Any:
     import onnx
     from onnx import TensorProto, helper
 
-    b.nodes[-1].output[0] = TARGETS
-    inputs = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in shapes.items()]
-    output = helper.make_tensor_value_info(TARGETS, TensorProto.FLOAT, (NJOINT,))
+    name, size = ends.controller.output, ends.controller.size
+    b.nodes[-1].output[0] = name
+    inputs = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in ends.shapes.items()]
+    output = helper.make_tensor_value_info(ends.controller.output, TensorProto.FLOAT, (size,))
     graph = helper.make_graph(b.nodes, "policy", inputs, [output], b.weights)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="loco-mjx")
     model.ir_version = IR_VERSION

@@ -30,11 +30,13 @@ def check_readable(manifest: Manifest, position_known: bool) -> None:
     unknown = [field.name for field in manifest.fields if field.name not in SENSORS]
     if unknown:
         raise UserError(f"the policy reads '{unknown[0]}', which no robot measures; accepted: {', '.join(SENSORS)}")
-    if manifest.reads("displacement") and not position_known:
-        raise UserError(
-            "the policy reads the base's displacement, which this robot does not measure; "
-            "train one with --env.observation.displacement False"
-        )
+    walks = manifest.controller.name == "mpc"  # whose legs tell how fast it goes
+    for name, measured in (("displacement", position_known), ("velocity", position_known or walks)):
+        if manifest.reads(name) and not measured:
+            raise UserError(
+                f"the policy reads the base's {name}, which this robot does not measure; "
+                f"train one with --env.observation.{name} False"
+            )
 
 
 def up(quat: np.ndarray) -> float:
@@ -59,37 +61,44 @@ class Observer:
         self._held = DepthHold(manifest.hold)
         self._position: np.ndarray | None = None
 
-    def observe(self, sensors: Sensors, frame: Frame | None, targets: np.ndarray) -> dict[str, np.ndarray]:
+    def observe(
+        self, sensors: Sensors, frame: Frame | None, targets: np.ndarray | None, velocity: np.ndarray | None = None
+    ) -> dict[str, np.ndarray]:
         """The observation of the next tick.
 
         Args:
             sensors: measured now.
             frame: the newest image; None if the policy reads none.
-            targets: (12,) the last tick's joint targets, rad; the default pose before the first.
+            targets: (12,) the last tick's joint targets, rad; the default pose before the first; None without any.
+            velocity: (3,) of the trunk, the mean since the last tick, world frame, m/s; None: from where the robot is.
 
         Returns:
             `state` (n,) and `depth` (height, width, frames), whichever the policy reads; float32.
         """
         obs = {}
         if self._manifest.fields:
-            self._push(self._measured(sensors, targets))
+            self._push(self._measured(sensors, targets, velocity))
             parts = [self._history[field.name].ravel() for field in self._manifest.fields]
             obs[STATE] = np.concatenate(parts).astype(np.float32)
         if frame is not None:
             obs[DEPTH] = self._seen(frame)
         return obs
 
-    def _measured(self, sensors: Sensors, targets: np.ndarray) -> dict[str, np.ndarray]:
+    def _measured(
+        self, sensors: Sensors, targets: np.ndarray | None, velocity: np.ndarray | None
+    ) -> dict[str, np.ndarray]:
         displacement = None
         if sensors.position is not None:
             displacement = sensors.position - (sensors.position if self._position is None else self._position)
             self._position = sensors.position
+            velocity = displacement * self._manifest.policy_hz if velocity is None else velocity
         readings = Readings(
             quat=rotations.unit(sensors.quat),
             gyro=sensors.gyro,
             angles=sensors.angles,
-            last_action=targets - self._manifest.default_pose,
+            last_action=None if targets is None else targets - self._manifest.default_pose,
             displacement=displacement,
+            velocity=velocity,
         )
         return measure(readings, [field.name for field in self._manifest.fields], np)
 

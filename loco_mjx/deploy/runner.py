@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from loco_mjx import controllers
 from loco_mjx.deploy.estop import EmergencyStop
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.observer import Observer, check_readable, up
@@ -29,7 +30,13 @@ FLUSH = 1.0  # s to wait for the last event to be told
 
 
 class Runner:
-    """Runs one policy on one robot."""
+    """Runs one policy on one robot.
+
+    Attributes:
+        for_controller: whose policies it runs.
+    """
+
+    for_controller = controllers.DEFAULT
 
     def __init__(
         self,
@@ -53,7 +60,15 @@ class Runner:
             clock: for the ticks' latency, s.
             say: told about every event as it happens, with the robot's time, s.
             patience: s that a tick may at least take on the wall's clock before the robot is sat down without it.
+
+        Raises:
+            UserError: if the policy is another controller's.
         """
+        if manifest.controller.name != self.for_controller:
+            raise UserError(
+                f"policy '{manifest.policy}' gives {manifest.controller.output} to controller "
+                f"'{manifest.controller.name}'; this runs those of '{self.for_controller}'"
+            )
         self.manifest, self.policy, self.robot = manifest, policy, robot
         self.guard = Guard(manifest, limits or Limits())
         self.estop = estop or EmergencyStop()
@@ -168,12 +183,16 @@ class Runner:
         if self.manifest.camera is not None:
             frame = self.robot.depth()
             self.guard.frame(frame, self.robot.now())
-        obs = self._observer.observe(sensors, frame, before)
+        obs = self._observe(sensors, frame, before)
         try:
             targets = np.asarray(self.policy(obs), np.float64)
         except Exception as error:  # a runtime's errors have no common base
             raise Stop(Cause.POLICY, f"{type(error).__name__}: {error}") from error
         return frame, obs, targets, self._clock() - begin
+
+    def _observe(self, sensors: Sensors, frame: Frame | None, before: np.ndarray) -> dict[str, np.ndarray]:
+        """The observation of a tick, after the targets of the one before."""
+        return self._observer.observe(sensors, frame, before)
 
     def _keep(
         self, sensors: Sensors, frame: Frame | None, obs: dict[str, np.ndarray], targets: np.ndarray, latency: float

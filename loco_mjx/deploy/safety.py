@@ -96,7 +96,7 @@ class Guard:
         self._encoders = Stuck()
         self._manifest = manifest
         self._saturated = np.zeros(NJOINT)  # s
-        self._missed = 0
+        self._missed: dict[str, int] = {}
         self.misses = 0
         self.clamped = 0  # commands that were changed
 
@@ -160,19 +160,20 @@ class Guard:
             raise Stop(Cause.STALE_SENSORS, f"{name} has not changed for {same[worst]:.2f} s, but its target has")
 
     def action(self, targets: np.ndarray) -> None:
-        """Refuses what is not 12 numbers."""
-        if targets.shape != (NJOINT,):
-            raise Stop(Cause.POLICY, f"its output has shape {targets.shape}, not {(NJOINT,)}")
+        """Refuses what is not as many numbers as the controller takes, of joint targets 12."""
+        wanted = (self._manifest.controller.size,)
+        if targets.shape != wanted:
+            raise Stop(Cause.POLICY, f"its output has shape {targets.shape}, not {wanted}")
         if not np.all(np.isfinite(targets)):
             raise Stop(Cause.NONFINITE_ACTION, "the policy's output is not a number")
 
-    def deadline(self, latency: float, period: float) -> None:
-        """Counts missed deadlines."""
+    def deadline(self, latency: float, period: float, of: str = "tick") -> None:
+        """Counts missed deadlines, those in a row by what has them."""
         late = latency > period
         self.misses += late
-        self._missed = self._missed + 1 if late else 0
-        if self._missed >= self.limits.missed:
-            raise Stop(Cause.DEADLINE, f"{self._missed} in a row, the last by {1000 * (latency - period):.0f} ms")
+        row = self._missed[of] = self._missed.get(of, 0) + 1 if late else 0
+        if row >= self.limits.missed:
+            raise Stop(Cause.DEADLINE, f"{row} in a row, the last by {1000 * (latency - period):.0f} ms")
 
     def clamp(self, targets: np.ndarray, sensors: Sensors, kp: float, kd: float) -> np.ndarray:
         """(12,) targets such that the PD law asks for no more than the torque limit, and within the joints' limits.

@@ -7,13 +7,16 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from loco_mjx import controllers
 from loco_mjx.config import Config, from_dict
+from loco_mjx.controllers import Controller, get_controller
 from loco_mjx.deploy import description
-from loco_mjx.deploy.description import DEPTH, SEAL, STATE, TARGETS
+from loco_mjx.deploy.description import DEPTH, SEAL, STATE
 from loco_mjx.errors import UserError
-from loco_mjx.robots import DEFAULT, NJOINT, Robot, get_robot, joint_names
+from loco_mjx.robots import DEFAULT, Robot, get_robot, joint_names
 
 ROBOT = "robot"  # the key; a manifest without it is of an A1
+CONTROLLER = "controller"  # likewise; one without it is of joint targets
 LONGEST = 160  # characters that are shown of a value and of what is accepted, either of which may be a long list
 # Words for people: another version may find better ones for the same thing.
 WORDS = ("meaning", "depth", "order")
@@ -33,8 +36,9 @@ def check(raw: Mapping[str, Any], own: Robot | None = None) -> None:
     from jsonschema import Draft202012Validator
     from jsonschema.exceptions import best_match
 
-    robot, named = _robot(raw, own)
-    error = best_match(Draft202012Validator(schema(robot, named)).iter_errors(raw))
+    (robot, named), (controller, led) = _robot(raw, own), _controller(raw)
+    optional = (*(() if named else (ROBOT,)), *(() if led else (CONTROLLER,)))
+    error = best_match(Draft202012Validator(schema(robot, controller, optional)).iter_errors(raw))
     if error is not None:
         raise UserError(_complaint(error))
     if raw[SEAL] != description.sealed(raw):
@@ -46,12 +50,13 @@ def check(raw: Mapping[str, Any], own: Robot | None = None) -> None:
         raise UserError("config_hash is not its configuration's")
     # As the file has it: keys that this version knows and the one that wrote it did not are no difference.
     wanted = description.describe(config, raw["inputs"], raw["hold"], robot)
-    differs = _difference({ROBOT: DEFAULT} | dict(raw), wanted | {key: raw[key] for key in ("config", "config_hash")})
+    found = {ROBOT: DEFAULT, CONTROLLER: controllers.DEFAULT} | dict(raw)
+    differs = _difference(found, wanted | {key: raw[key] for key in ("config", "config_hash")})
     if differs is None and raw["training"]["task"] != config.env.task:
         differs = "training.task", raw["training"]["task"], config.env.task
     if differs is not None:
-        name, found, accepted = differs
-        raise UserError(f"{name} is {_short(found)}; accepted, for its configuration: {_short(accepted)}")
+        name, value, accepted = differs
+        raise UserError(f"{name} is {_short(value)}; accepted, for its configuration: {_short(accepted)}")
 
 
 def _complaint(error: Any) -> str:
@@ -122,10 +127,21 @@ def _robot(raw: Mapping[str, Any], own: Robot | None) -> tuple[Robot, bool]:
     return robot, name is not None
 
 
-def schema(robot: Robot, named: bool) -> dict[str, Any]:
+def _controller(raw: Mapping[str, Any]) -> tuple[Controller, bool]:
+    """The controller that a manifest names, and whether its configuration has one: those of before there were more not.
+
+    Raises:
+        UnknownNameError: if it is unknown here.
+    """
+    env = raw["config"].get("env") if isinstance(raw.get("config"), Mapping) else None
+    named = isinstance(env, Mapping) and CONTROLLER in env
+    return get_controller(str(raw.get(CONTROLLER, controllers.DEFAULT))), named
+
+
+def schema(robot: Robot, controller: Controller, optional: tuple[str, ...] = ()) -> dict[str, Any]:
     """The JSON Schema of ``policy.json``: what the robot is, as it is; what a policy may choose, in its ranges.
 
-    `named` is whether it has to name its robot.
+    `optional` are the keys that it need not have.
     """
     joints = {
         "order": {"const": list(joint_names())},
@@ -134,25 +150,31 @@ def schema(robot: Robot, named: bool) -> dict[str, Any]:
         "upper": {"const": list(robot.upper)},
         "torque_limit": {"const": _plain(description.torque_limit(robot))},
     }
-    rates = {"policy_hz": {"const": robot.policy_hz}, "pd_hz": {"const": round(1 / robot.physics_dt)}}
+    rates = {"policy_hz": {"const": controller.rate(robot)}, "pd_hz": {"const": round(1 / robot.physics_dt)}}
     files = dict.fromkeys(("policy.onnx", "policy.npz", "policy.stablehlo", "robot.xml"), _object({"sha256": _HASH}))
-    action = {"scale": _numbers(3, 0, math.pi), "diagonal": {"type": "boolean"}, "included_in_onnx": {"const": True}}
+    action: dict[str, Any] = {"scale": _numbers(3, 0, math.pi), "diagonal": {"type": "boolean"}}
+    if controller.scale is not None:
+        action = {"scale": {"const": list(controller.scale)}}
+    action |= {"included_in_onnx": {"const": True}}
+    outputs = {
+        name: _object({key: _TEXT if key == "meaning" else {"const": value} for key, value in about.items()})
+        for name, about in description.outputs(controller).items()
+    }
     return _object(
         {
             "format": {"const": description.FORMAT},
             "format_version": {"const": description.VERSION},
             "policy": _NAME,
             ROBOT: {"const": robot.name},
+            CONTROLLER: {"const": controller.name},
             "inputs": _object({STATE: _state(), DEPTH: _depth(robot)}, (STATE, DEPTH)) | {"minProperties": 1},
-            "outputs": _object(
-                {TARGETS: _object({"shape": {"const": [NJOINT]}, "unit": {"const": "rad"}, "meaning": _TEXT})}
-            ),
+            "outputs": _object(outputs),
             "joints": _object(joints),
             "gains": _object({"kp": _number(0, 500), "kd": _number(0, 50), "unit": {"const": "N·m/rad, N·m·s/rad"}}),
             "rates": _object(rates),
             "action": _object(action),
             "hold": _number(1, 1000, "integer"),
-            "latency": _object({"trained_with": _numbers(2, 0, robot.control_dt), "unit": {"const": "s"}}),
+            "latency": _object({"trained_with": _numbers(2, 0, 1 / controller.rate(robot)), "unit": {"const": "s"}}),
             "training": _object(
                 {
                     "task": _NAME,
@@ -166,7 +188,7 @@ def schema(robot: Robot, named: bool) -> dict[str, Any]:
             "files": _object(files, ("policy.npz", "policy.stablehlo", "robot.xml")),
             SEAL: _HASH,
         },
-        () if named else (ROBOT,),
+        optional,
     )
 
 

@@ -7,16 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from loco_mjx.deploy.description import TARGETS
 from loco_mjx.deploy.folder import ONNX, Manifest
 from loco_mjx.errors import UserError
-from loco_mjx.robots import NJOINT
 
 FLOAT = "tensor(float)"
 
 
 class Session:
-    """A function from `state` and `depth`, whichever the policy reads, to joint targets."""
+    """A function from `state` and `depth`, whichever the policy reads, to its output: joint targets, or commands."""
 
     def __init__(self, manifest: Manifest, folder: Path) -> None:
         """Loads ``policy.onnx`` and compares it with its description.
@@ -24,6 +22,7 @@ class Session:
         Raises:
             UserError: if onnxruntime is missing, the file is damaged or does not match.
         """
+        self._output = manifest.controller.output
         try:
             import onnxruntime
         except ImportError:
@@ -38,9 +37,9 @@ class Session:
         found = {part.name: (tuple(part.shape), part.type) for part in self._session.get_inputs()}
         wanted = {name: (shape, FLOAT) for name, shape in manifest.shapes.items()}
         outputs = {part.name: (tuple(part.shape), part.type) for part in self._session.get_outputs()}
-        if found != wanted or outputs != {TARGETS: ((NJOINT,), FLOAT)}:
+        if found != wanted or outputs != {manifest.controller.output: ((manifest.controller.size,), FLOAT)}:
             raise UserError(f"{folder / ONNX} does not match its description: it has {found} → {outputs}, not {wanted}")
 
     def __call__(self, obs: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(12,) joint targets, rad, for one observation."""
-        return self._session.run([TARGETS], dict(obs))[0]
+        """(12,) joint targets, rad, for one observation; or whatever else the controller takes."""
+        return self._session.run([self._output], dict(obs))[0]

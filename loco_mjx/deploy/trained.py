@@ -49,7 +49,7 @@ def load(path: Path, step: int | str | None = None) -> TrainedPolicy:
     except (UserError, KeyError, TypeError, ValueError) as error:
         raise UserError(f"{path / folder.MANIFEST} is of another version ({error}); export the run again") from error
     needs.check(config, path)
-    networks = make_networks(config.policy, config.network, config.env.action.size)
+    networks = make_networks(config.policy, config.network, config.env.action_size)
     arrays = folder.parameters(path, manifest)
     shapes = traverse_util.flatten_dict(parameter_shapes(config, networks)["params"], sep="/")
     named = {name: jp.asarray(_array(path, arrays, name, shape)) for name, shape in shapes.items()}

@@ -7,8 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from loco_mjx.controllers import TICK, get_controller
 from loco_mjx.deploy.estop import EmergencyStop
 from loco_mjx.deploy.folder import Manifest
+from loco_mjx.deploy.low_level import LowLevel
 from loco_mjx.deploy.observer import up
 from loco_mjx.deploy.robot import DrivenRobot, Frame, Sensors
 from loco_mjx.deploy.runner import STILL, Runner
@@ -17,10 +19,8 @@ from loco_mjx.deploy.worker import Overdue
 from loco_mjx.errors import UserError
 from loco_mjx.robots import Robot, joint_names
 from loco_mjx.robots.motor import MotorCommand
-from loco_mjx.whole_body import controller, library, odometry
-from loco_mjx.whole_body.config import TICK, WholeBodyConfig
-from loco_mjx.whole_body.controller import Facts, Measured, State
-from loco_mjx.whole_body.legs import body_of
+from loco_mjx.whole_body import controller
+from loco_mjx.whole_body.controller import Facts
 
 STAND_STILL = 0.4  # s, to get from the gait to the standing pose, and to stay there
 Wanted = Callable[[float], tuple[float, float]]  # speed ahead, m/s, and yaw rate, rad/s, at a time, s
@@ -44,6 +44,7 @@ def manifest_of(robot: Robot) -> Manifest:
         policy_hz=round(1 / TICK),
         pd_hz=round(1 / robot.physics_dt),
         hold=1,
+        controller=get_controller("mpc"),
         raw={},
     )
 
@@ -56,6 +57,7 @@ class Walker(Runner):
         clipped: ticks whose command was beyond the limits.
     """
 
+    for_controller = "mpc"
     robot: DrivenRobot
 
     def __init__(
@@ -69,6 +71,7 @@ class Walker(Runner):
         say: Callable[[float, str], None] = lambda when, text: None,
         patience: float = 0.0,
         solve: controller.Solver | None = None,
+        manifest: Manifest | None = None,
     ) -> None:
         """Prepares a run; the robot is not touched.
 
@@ -82,44 +85,48 @@ class Walker(Runner):
             say: told about every event as it happens, with the robot's time, s.
             patience: s that a tick may at least take on the wall's clock before the robot is sat down without it.
             solve: the solver; quadprog if None.
+            manifest: of the policy that commands it, if one does.
 
         Raises:
             UserError: if quadprog is missing.
         """
-        super().__init__(manifest_of(about), lambda obs: np.zeros(0), robot, limits, estop, clock, say, patience)
-        self._config, self._body = WholeBodyConfig(), body_of(about)
-        self._wanted, self._solve = wanted, solve or library.make_solver(self._config.mpc)
-        self._velocity, self._stands = np.zeros(3), np.ones(4, bool)
+        about_it = manifest or manifest_of(about)
+        super().__init__(about_it, lambda obs: np.zeros(0), robot, limits, estop, clock, say, patience)
+        self._patience = max((1 + self.guard.limits.missed) * TICK, patience)
+        self._wanted, self._low = wanted, LowLevel(about, solve)
         self.unsolved = self.clipped = 0
 
     def _check_policy(self, sensors: Sensors, frame: Frame | None) -> None:
         """One tick that is thrown away."""
         if sensors.feet is None:
             raise UserError("the robot does not feel its feet, and the whole-body controller has to know which touch")
-        self._decided(controller.begin(self._config, self._body, sensors.angles), sensors, np.zeros(2))
+        self._low.tick(sensors, np.zeros(2))
 
     def _run_policy(self, seconds: float) -> None:
-        state = controller.begin(self._config, self._body, self._measure().angles)
-        self._velocity, self._stands = np.zeros(3), np.ones(4, bool)
+        self._low.begin(self._measure().angles)
         due = begin = self.robot.now()
-        walking, stopping = round(seconds / TICK), round(self._config.gait.cycle / TICK)
+        walking, stopping = round(seconds / TICK), round(self._low.config.gait.cycle / TICK)
         for tick in range(walking + 2 * stopping):
-            wanted = self._wanted(self.robot.now() - begin) if tick < walking else (0.0, 0.0)
-            command, state = self._walk(state, np.array(wanted, np.float64))
+            wanted = self._want(tick, self.robot.now() - begin) if tick < walking else np.zeros(2)
+            command = self._walk(wanted)
             due = max(due + TICK, self.robot.now())
             self._drive(command, due)
             if tick >= walking + stopping and not np.any(command.kp):  # all four stand
                 break
         self._move(self.manifest.default_pose, STAND_STILL, STAND_STILL)
 
-    def _walk(self, state: State, wanted: np.ndarray) -> tuple[MotorCommand, State]:
+    def _want(self, tick: int, seconds: float) -> np.ndarray:
+        """The command (2,) of a tick, so many seconds after the first."""
+        return np.array(self._wanted(seconds), np.float64)
+
+    def _walk(self, wanted: np.ndarray) -> MotorCommand:
         """Measures and decides."""
         begin = self._clock()
         sensors = self._measure()
         sensed = self._clock() - begin
         try:
-            command, state, facts, took = self._worker.call(
-                lambda: self._decided(state, sensors, wanted), self._patience, self.estop.poll
+            command, facts, took = self._worker.call(
+                lambda: self._decided(sensors, wanted), self._patience, self.estop.poll
             )
         except Overdue:
             raise Stop(Cause.DEADLINE, f"a tick has not ended after {1000 * self._patience:.0f} ms") from None
@@ -130,20 +137,15 @@ class Walker(Runner):
         self.unsolved += int(facts.unsolved)
         self._remember(sensors, wanted, command, facts, sensed + took)
         self.guard.deadline(sensed + took, TICK)
-        if state.failed >= self.guard.limits.unsolved:
-            raise Stop(Cause.SOLVER, f"{int(state.failed)} in a row")
-        return command, state
+        if self._low.state.failed >= self.guard.limits.unsolved:
+            raise Stop(Cause.SOLVER, f"{int(self._low.state.failed)} in a row")
+        return command
 
-    def _decided(self, state: State, sensors: Sensors, wanted: np.ndarray) -> tuple[MotorCommand, State, Facts, float]:
-        """Command, the controller's next state, facts, and the time they took, s; runs in the worker's thread."""
-        begin, feet = self._clock(), np.asarray(sensors.feet, bool)
-        self._velocity = odometry.velocity(
-            self._body, sensors.angles, sensors.velocities, sensors.gyro, self._stands, self._velocity
-        )
-        measured = Measured(sensors.quat, sensors.gyro, self._velocity, sensors.angles, feet)
-        command, state, facts = controller.tick(self._config, self._body, self._solve, state, wanted, measured)
-        self._stands = facts.pushes & feet
-        return command, state, facts, self._clock() - begin
+    def _decided(self, sensors: Sensors, wanted: np.ndarray) -> tuple[MotorCommand, Facts, float]:
+        """Command, facts, and the time they took, s; runs in the worker's thread."""
+        begin = self._clock()
+        command, facts = self._low.tick(sensors, wanted)
+        return command, facts, self._clock() - begin
 
     def _remember(
         self, sensors: Sensors, wanted: np.ndarray, command: MotorCommand, facts: Facts, latency: float
@@ -151,7 +153,7 @@ class Walker(Runner):
         row = {"time": sensors.time, "latency": latency, "wanted": wanted, "up": up(sensors.quat)}
         row |= {"angles": sensors.angles, "velocities": sensors.velocities, "quat": sensors.quat, "gyro": sensors.gyro}
         row |= {"targets": command.angles, "torque": command.torque, "pushes": facts.pushes, "feet": sensors.feet}
-        row |= {"unsolved": facts.unsolved, "velocity": self._velocity}
+        row |= {"unsolved": facts.unsolved, "velocity": self._low.velocity}
         if sensors.position is not None:
             row["position"] = sensors.position
         self.record.rows.append(row)
@@ -160,7 +162,7 @@ class Walker(Runner):
 
     def _drive(self, command: MotorCommand, until: float) -> None:
         """The same command, clamped anew each time, until the next tick."""
-        for _ in range(STILL * self.manifest.pd_hz // self.manifest.policy_hz):
+        for _ in range(round(STILL * self.manifest.pd_hz * TICK)):
             sensors = self._measure()
             safe = self.guard.motors(command, sensors)
             self._commanded = np.where(safe.kp > 0, safe.angles, sensors.angles)

@@ -1,4 +1,7 @@
-"""How an action in [−1, 1] becomes joint targets, and back; for JAX's arrays and NumPy's alike."""
+"""How an action in [−1, 1] becomes what the controller takes, and back; for JAX's arrays and NumPy's alike.
+
+What it takes is `neutral` + `scale` · the action's numbers: joint targets, or the whole-body controller's commands.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from loco_mjx.config import ActionConfig
-from loco_mjx.robots import LEGS
+from loco_mjx.config import ActionConfig, EnvConfig
+from loco_mjx.controllers import get_controller
+from loco_mjx.robots import LEGS, get_robot
 
 # Of a diagonal action's six numbers, the one that each of the 12 joints takes: FR and RL share three, FL and RR three.
 DIAGONAL = (0, 1, 2, 3, 4, 5, 3, 4, 5, 0, 1, 2)
@@ -23,16 +27,33 @@ def per_joint(action: Any, config: ActionConfig) -> Any:
     return action[..., np.array(DIAGONAL)] if config.diagonal else action
 
 
-def to_offsets(action: Any, config: ActionConfig) -> Any:
-    """(..., 12) joint targets relative to the default pose, rad, of an action, (..., 12) or, if diagonal, (..., 6)."""
-    return per_joint(action.clip(-1.0, 1.0), config) * joint_scale(config)
+def neutral(config: EnvConfig) -> np.ndarray:
+    """What an action of 0 stands for: the robot's default pose, (12,) rad, or the command to stay where it is."""
+    controller = get_controller(config.controller)
+    return np.array(get_robot(config.robot).default_pose) if controller.scale is None else np.zeros(controller.size)
 
 
-def from_offsets(offsets: np.ndarray, config: ActionConfig) -> np.ndarray:
-    """The action whose joint targets are these (..., 12) offsets from the default pose, rad: (..., 12) or (..., 6).
+def scale(config: EnvConfig) -> np.ndarray:
+    """What an action of 1 adds to that, of every joint, (12,) rad, or of each command."""
+    own = get_controller(config.controller).scale
+    return joint_scale(config.action) if own is None else np.array(own)
 
-    A joint of scale 0 has the action 0.
+
+def numbers(action: Any, config: EnvConfig) -> Any:
+    """(..., n) the action's numbers, one for each of `scale`."""
+    return per_joint(action, config.action) if get_controller(config.controller).scale is None else action
+
+
+def to_offsets(action: Any, config: EnvConfig) -> Any:
+    """What the controller takes, relative to `neutral`, of an action (..., action_size): (..., 12) rad, or (..., 2)."""
+    return numbers(action.clip(-1.0, 1.0), config) * scale(config)
+
+
+def from_offsets(offsets: np.ndarray, config: EnvConfig) -> np.ndarray:
+    """The action (..., action_size) that stands for these (..., n) offsets from `neutral`.
+
+    What has scale 0 has the action 0.
     """
-    scale = joint_scale(config)
-    action = np.divide(offsets, scale, out=np.zeros_like(offsets), where=scale > 0)
-    return action[..., : config.size]  # if diagonal, FR and FL; the others follow them
+    units = scale(config)
+    action = np.divide(offsets, units, out=np.zeros_like(offsets), where=units > 0)
+    return action[..., : config.action_size]  # if diagonal, FR and FL; the others follow them

@@ -10,15 +10,17 @@ import jax.numpy as jp
 
 from loco_mjx import rotations
 from loco_mjx.config import EnvConfig
+from loco_mjx.controllers import get_controller
 from loco_mjx.depth.encoding import blind_pixels, encode
 from loco_mjx.depth.render import render
 from loco_mjx.env import metrics, privileged, randomization, reward
 from loco_mjx.env import observation as obs_lib
-from loco_mjx.env.action import joint_scale, to_offsets
+from loco_mjx.env.action import scale, to_offsets
+from loco_mjx.env.drive import Moved, make_drive
 from loco_mjx.env.state import Episode, State, World
 from loco_mjx.physics import model as physics_model
-from loco_mjx.physics.step import PhysicsState, SubstepTrace, control_step, initial_state
-from loco_mjx.robots import NJOINT, get_robot
+from loco_mjx.physics.step import SubstepTrace, initial_state
+from loco_mjx.robots import get_robot
 from loco_mjx.scene import motion, pool, query, surface
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
@@ -28,8 +30,9 @@ class LocoEnv:
     """A task of the LocoTransformer paper.
 
     Actions are (12,), or (6,) with `diagonal`, in [−1, 1]: joint targets around the default pose, in units of
-    `action.scale`; values outside are clipped. Observations are a dict: `state` (93,) and `pixels/depth` (64, 64, 4),
-    unnormalised state and encoded depth, newest first. `step` does not reset; see :mod:`loco_mjx.env.autoreset`.
+    `action.scale`; values outside are clipped. Under controller `mpc` they are (2,): speed ahead and yaw rate, in units
+    of its limits. Observations are a dict: `state` (93,) and `pixels/depth` (64, 64, 4), unnormalised state and encoded
+    depth, newest first. `step` does not reset; see :mod:`loco_mjx.env.autoreset`.
     """
 
     def __init__(self, config: EnvConfig) -> None:
@@ -37,12 +40,13 @@ class LocoEnv:
 
         Raises:
             UnknownNameError: if the task, the robot or a term of the reward is unknown.
-            UserError: if the robot's MJCF does not fit.
+            UserError: if the robot's MJCF does not fit, or not the controller.
         """
         self.config = config
         self.task, self.robot = get_task(config.task), get_robot(config.robot)
         reward.weights(config.reward)  # refuses unknown terms
         self._model = physics_model.build(self.robot, config.physics, self.task.obstacle_slots)
+        self._drive = make_drive(self._model, config)
 
     @property
     def physics(self) -> physics_model.PhysicsModel:
@@ -52,7 +56,7 @@ class LocoEnv:
     @property
     def action_size(self) -> int:
         """Dimension of the action."""
-        return self.config.action.size
+        return self.config.action_size
 
     @property
     def observation_size(self) -> dict[str, tuple[int, ...]]:
@@ -62,7 +66,7 @@ class LocoEnv:
     @property
     def dt(self) -> float:
         """Duration of a control step, s."""
-        return self.robot.control_dt
+        return 1 / get_controller(self.config.controller).rate(self.robot)
 
     # Scenes ---------------------------------------------------------------------------------------------------------
 
@@ -95,23 +99,24 @@ class LocoEnv:
             step=jp.zeros((), jp.int32),
             start=qpos[:3],
             first_obstacle=query.first_obstacle_x(scene),
-            last_action=jp.zeros(NJOINT),
+            last_action=jp.zeros(len(scale(self.config))),
             history=obs_lib.first_history(self.config.observation, self.robot),
         )
-        world = World(initial_state(qpos), scene, randomization.draw(robot_key, self.config), episode)
+        physics = initial_state(qpos)
+        how = randomization.draw(robot_key, self.config)
+        world = World(physics, scene, how, episode, self._drive.begin(physics))
         info = {"key": episode_key, "truncation": jp.zeros(())}
         blank = {name: jp.zeros(shape) for name, shape in self.observation_size.items()}
-        none_yet = metrics.before_first_step(self.config.reward)
+        none_yet = metrics.before_first_step(self.config.reward, self._drive.metrics)
         return State(world, blank, jp.zeros(()), jp.zeros(()), none_yet, info)
 
     def advance(self, state: State, action: jax.Array) -> State:
         """Physics, reward and termination of one control step; the observation's pixels are left as they were."""
-        command = to_offsets(action, self.config.action)
+        command = to_offsets(action, self.config)
         scene = self.next_scene(state)
         before: World = state.pipeline_state
-        targets = jp.array(self.robot.default_pose) + command
-        physics, trace = control_step(self._model, before.physics, scene, targets, before.randomization.dynamics)
-        return self.finish_step(state, scene, physics, trace, command)
+        moved = self._drive.move(before.physics, before.control, scene, command, before.randomization.dynamics)
+        return self.finish_step(state, scene, moved, command)
 
     def next_scene(self, state: State) -> Scene:
         """The scene during the next control step: what moves has moved."""
@@ -121,28 +126,26 @@ class LocoEnv:
         _, motion_key = jax.random.split(state.info["key"])
         return motion.move(motion.redraw(motion_key, world.scene, world.episode.step), self.dt)
 
-    def finish_step(
-        self, state: State, scene: Scene, physics: PhysicsState, trace: SubstepTrace, command: jax.Array
-    ) -> State:
+    def finish_step(self, state: State, scene: Scene, moved: Moved, command: jax.Array) -> State:
         """Reward, termination and metrics of a control step, whoever computed its physics.
 
         Args:
             state: before the step.
             scene: during the step, from :meth:`next_scene`.
-            physics: after the step.
-            trace: what physics traced of it.
-            command: (12,) joint targets relative to the default pose, rad.
+            moved: what came of it.
+            command: (12,) joint targets relative to the default pose, rad; or of the whole-body controller (2,).
         """
         key, _ = jax.random.split(state.info["key"])
         before: World = state.pipeline_state
-        finite = _all_finite(physics) & _all_finite(trace)
+        finite = _all_finite(moved.physics) & _all_finite(moved.trace)
         # A non-finite state ends the episode and goes no further: the robot is put back where it was.
-        physics = _where(finite, physics, before.physics)
-        trace = _where(finite, trace, jax.tree.map(jp.zeros_like, trace))
+        physics = _where(finite, moved.physics, before.physics)
+        trace = _where(finite, moved.trace, jax.tree.map(jp.zeros_like, moved.trace))
         scene, spheres = query.collect(scene, physics.qpos[:2])
-        world = replace(before, physics=physics, scene=scene)
+        control = _where(finite, moved.memory, before.control)
+        world = replace(before, physics=physics, scene=scene, control=control)
         inputs = self._inputs(before, world, trace, spheres, command, finite)
-        return self._result(state, world, trace, inputs, key)
+        return self._result(state, world, trace, inputs, moved.facts, key)
 
     def observe(self, state: State) -> State:
         """Fills the observation; renders one depth frame where depth is enabled."""
@@ -201,7 +204,7 @@ class LocoEnv:
             dropped=trace.dropped.astype(jp.float32),
             action=command,
             last_action=before.episode.last_action,
-            action_change=jp.sum((change / jp.array(joint_scale(self.config.action))) ** 2),
+            action_change=jp.sum((change / jp.array(scale(self.config))) ** 2),
             up=rotations.upright(after.physics.qpos[3:7]),
             height=end[2] - surface.ground_height(after.scene, end[0], end[1]),
             qpos=after.physics.qpos,
@@ -210,11 +213,17 @@ class LocoEnv:
         )
 
     def _result(
-        self, state: State, world: World, trace: SubstepTrace, inputs: reward.RewardInputs, key: jax.Array
+        self,
+        state: State,
+        world: World,
+        trace: SubstepTrace,
+        inputs: reward.RewardInputs,
+        facts: dict[str, jax.Array],
+        key: jax.Array,
     ) -> State:
         terms = reward.rewards(inputs, self.config.reward)
         latency, dt = world.randomization.latency, self.robot.physics_dt
-        readings = obs_lib.sense(trace, latency, dt, inputs.action, inputs.displacement)
+        readings = obs_lib.sense(trace, latency, dt, inputs.action, inputs.displacement, inputs.velocity)
         episode = replace(
             world.episode,
             step=world.episode.step + 1,
@@ -228,7 +237,7 @@ class LocoEnv:
             pipeline_state=replace(world, episode=episode),
             reward=sum(terms.values()),
             done=(ended | truncated).astype(jp.float32),
-            metrics=state.metrics | metrics.measure(inputs, terms),
+            metrics=state.metrics | metrics.measure(inputs, terms, facts),
             info=state.info | {"key": key, "truncation": truncated.astype(jp.float32)},
         )
 

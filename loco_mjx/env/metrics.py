@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import jax
 import jax.numpy as jp
@@ -22,14 +22,14 @@ METRICS: dict[str, Callable[[RewardInputs], jax.Array]] = {
 }
 
 
-def measure(step: RewardInputs, terms: dict[str, jax.Array]) -> dict[str, jax.Array]:
-    """A step's metrics, and the terms of its reward as `reward/NAME`."""
-    return {name: metric(step) for name, metric in METRICS.items()} | _of_terms(terms)
+def measure(step: RewardInputs, terms: dict[str, jax.Array], facts: dict[str, jax.Array]) -> dict[str, jax.Array]:
+    """A step's metrics, those of its controller, and the terms of its reward as `reward/NAME`."""
+    return {name: metric(step) for name, metric in METRICS.items()} | facts | _of_terms(terms)
 
 
-def before_first_step(config: RewardConfig) -> dict[str, jax.Array]:
-    """Zeros of the same names."""
-    names = (*METRICS, *_of_terms(dict.fromkeys(weights(config), jp.zeros(()))))
+def before_first_step(config: RewardConfig, facts: Iterable[str]) -> dict[str, jax.Array]:
+    """Zeros of the same names; `facts` are those of the controller's metrics."""
+    names = (*METRICS, *facts, *_of_terms(dict.fromkeys(weights(config), jp.zeros(()))))
     return {name: jp.zeros(()) for name in names}
 
 

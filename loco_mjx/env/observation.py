@@ -34,7 +34,12 @@ def delayed(trace: jax.Array, latency: jax.Array, timestep: float) -> jax.Array:
 
 
 def sense(
-    trace: SubstepTrace, latency: jax.Array, timestep: float, last_action: jax.Array, displacement: jax.Array
+    trace: SubstepTrace,
+    latency: jax.Array,
+    timestep: float,
+    last_action: jax.Array,
+    displacement: jax.Array,
+    velocity: jax.Array,
 ) -> Readings:
     """What the sensors are made of after a control step; what physics traces, with the latency."""
     quat = delayed(trace.quat, latency, timestep)
@@ -44,13 +49,14 @@ def sense(
         angles=delayed(trace.angles, latency, timestep),
         last_action=last_action,
         displacement=displacement,
+        velocity=velocity,
     )
 
 
 def first_history(config: ObservationConfig, robot: Robot) -> dict[str, jax.Array]:
     """The history at a reset: `state_frames` copies of the standing robot's sensors, each (frames, size)."""
     still, pose = jp.zeros(3), jp.array(robot.default_pose)
-    standing = Readings(jp.array([1.0, 0.0, 0.0, 0.0]), still, pose, jp.zeros_like(pose), still)
+    standing = Readings(jp.array([1.0, 0.0, 0.0, 0.0]), still, pose, jp.zeros_like(pose), still, still)
     now = sensors.measure(standing, sensors.in_use(config), jp)
     return {name: jp.tile(value, (config.state_frames, 1)) for name, value in now.items()}
 

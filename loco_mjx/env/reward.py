@@ -36,7 +36,7 @@ class RewardInputs:
         contact: (), bool, whether the robot touched an obstacle or wall.
         passed: (), bool, whether it is beyond the first obstacle's front.
         dropped: (), obstacles within the robot's reach that physics left out.
-        action: (12,) joint targets relative to the default pose, rad.
+        action: (12,) joint targets relative to the default pose, rad; or the whole-body controller's command (2,).
         last_action: (12,) those of the step before.
         action_change: (), ‖u_t − u_{t−1}‖², in units of the action's scale.
         up: (), z of the trunk's up axis.

@@ -44,7 +44,8 @@ class Episode:
         step: () int32, control steps taken.
         start: (3,) where the base started, world frame, m.
         first_obstacle: () x from which contacts count as collisions, m.
-        last_action: (12,) joint targets of the last step relative to the default pose, rad.
+        last_action: (12,) joint targets of the last step relative to the default pose, rad; under the whole-body
+            controller its command (2,), m/s and rad/s.
         history: proprioceptive frames by sensor, (frames, size) each, newest first.
     """
 
@@ -64,9 +65,11 @@ class World:
         scene: the world it walks in.
         randomization: this episode's dynamics and latency.
         episode: its clock, its start and its histories.
+        control: what the controller remembers; see :mod:`loco_mjx.env.drive`.
     """
 
     physics: PhysicsState
     scene: Scene
     randomization: Randomization
     episode: Episode
+    control: Any = None

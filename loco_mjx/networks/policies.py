@@ -111,6 +111,24 @@ class StateDepthConcat(nn.Module):
         return heads(self, hidden, features, lambda: features, obs)
 
 
+class VisualCnn(nn.Module):
+    """Flattened visual features alone, into an MLP: what the paper compares `depth-only` with over the MPC.
+
+    Attributes:
+        config: sizes.
+        actions: size of the action.
+    """
+
+    config: NetworkConfig
+    actions: int
+
+    @nn.compact
+    def __call__(self, obs: Observation) -> Outputs:
+        """`pixels/depth` (..., 64, 64, frames) to Outputs."""
+        features = _visual_vector(obs[DEPTH], self.config.hidden[-1])
+        return heads(self, self.config.hidden, features, lambda: features, obs)
+
+
 class Hierarchical(nn.Module):
     """Two levels trained as one: vision → latent command; state and command → action (after Jain et al. 2020).
 
@@ -173,6 +191,7 @@ register_policy("loco-transformer", LocoTransformer)
 register_policy("state-only", StateOnly, uses_depth=False)
 register_policy("depth-only", DepthOnly, uses_state=False)
 register_policy("state-depth-concat", StateDepthConcat)
+register_policy("visual-cnn", VisualCnn, uses_state=False)
 register_policy("hrl", Hierarchical, holds=True)
 register_policy("privileged", Privileged, uses_depth=False, uses_privileged=True)
 

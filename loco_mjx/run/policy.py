@@ -55,7 +55,7 @@ def load_policy(path: Path, step: int | str | None = None) -> TrainedPolicy:
     """
     config = directory.load_config(path)
     needs.check(config, path)
-    networks = make_networks(config.policy, config.network, config.env.action.size)
+    networks = make_networks(config.policy, config.network, config.env.action_size)
     template = _template(config, networks)
     at = None if step is None else checkpoint.choose(path, step)
     restored = checkpoint.restore(path, template, config, _to_stderr, checkpoint.POLICY, at)

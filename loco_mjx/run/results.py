@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from loco_mjx import controllers
 from loco_mjx.config import Config, flatten, to_dict
 from loco_mjx.errors import UserError
 from loco_mjx.run.directory import ABSENT, CONFIG, INFO, TEACHER, load_config, read_json
-from loco_mjx.run.variant import METHOD_KEYS, Variant, default_keys
+from loco_mjx.run.variant import CONTROLLER, METHOD_KEYS, Variant, default_keys
 
 # Packages that what a robot does depends on.
 COMPARED = ("loco-mjx", "mujoco", "mujoco-mjx", "jax")
@@ -202,6 +203,7 @@ def check_same_method(runs: Sequence[Run], label: str) -> None:
 
 def variant_of(config: dict[str, Any]) -> Variant:
     """The variant that a run's flat configuration is of."""
-    defaults = default_keys()
+    # What comes with a controller is not named beside it.
+    defaults = dict(default_keys(config[CONTROLLER])) | {CONTROLLER: controllers.DEFAULT}
     changes = tuple((key, str(config[key])) for key in METHOD_KEYS if config[key] != defaults[key])
     return Variant(str(config["policy"]), changes)

@@ -9,8 +9,8 @@ from loco_mjx.config import Config
 from loco_mjx.errors import UnknownNameError
 from loco_mjx.run import machine
 
-# Samples per second and core on a CPU, with and without depth, as measured on two cores; for estimates only.
-CPU_RATE = {True: 400.0, False: 4000.0}
+# Samples per second and core on a CPU, by controller, with and without depth, as measured on two cores; for estimates.
+CPU_RATE = {"pd": {True: 400.0, False: 4000.0}, "mpc": {True: 150.0, False: 300.0}}
 CPU_TEACHER_RATE = 2300.0  # the same of method `distill`'s teacher
 
 
@@ -60,7 +60,7 @@ def total_samples(config: Config) -> int:
 
 def cpu_rate(config: Config) -> float:
     """Samples per second of training on all cores of this machine, without its teacher."""
-    return CPU_RATE[config.env.observation.depth.enabled] * machine.cores()
+    return CPU_RATE[config.env.controller][config.env.observation.depth.enabled] * machine.cores()
 
 
 def cpu_teacher_rate() -> float:

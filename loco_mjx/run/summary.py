@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from loco_mjx import controllers
 from loco_mjx.config import Config, to_dict
 from loco_mjx.sensors import in_use
 
@@ -24,8 +25,10 @@ def print_summary(
         parameters: number of the networks' parameters.
         seeds: that train side by side.
     """
+    env = config.env
+    under = "" if env.controller == controllers.DEFAULT else f", controller {env.controller}"
     seed = f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"
-    table = Table(title=f"{config.policy} on {config.env.task}, {config.env.robot}, {seed}", title_justify="left")
+    table = Table(title=f"{config.policy} on {env.task}, {env.robot}{under}, {seed}", title_justify="left")
     table.add_column("part")
     table.add_column("name")
     table.add_column("size or weight", justify="right")

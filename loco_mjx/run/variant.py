@@ -8,9 +8,11 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any
 
-from loco_mjx.config import Config, flatten, to_dict
+from loco_mjx import controllers
+from loco_mjx.config import Config, flatten, to_dict, with_controller
 from loco_mjx.errors import UnknownNameError, UserError
 
+CONTROLLER = "env.controller"
 # Keys that make another method of the same policy; the other keys are how it was trained.
 METHOD_KEYS = (
     "method",
@@ -19,6 +21,7 @@ METHOD_KEYS = (
     "network.token_dim",
     "network.latent_dim",
     "network.hold",
+    CONTROLLER,
     "env.action.diagonal",
     "env.observation.state_frames",
     "env.observation.displacement",
@@ -28,12 +31,13 @@ METHOD_KEYS = (
 # Keys that have an option of their own.
 GIVEN = {"env.task": "--tasks", "ppo.total_steps": "--total-steps"}
 _NETWORK = "network."
+SHORT = {"method": "method", "controller": CONTROLLER}  # keys that need no dot beside the network's
 
 
 @cache
-def default_keys() -> Mapping[str, Any]:
-    """Every key of the configuration, on one level, with its default."""
-    return MappingProxyType(flatten(to_dict(Config())))
+def default_keys(controller: str = controllers.DEFAULT) -> Mapping[str, Any]:
+    """Every key of the configuration, on one level, with its default under a controller."""
+    return MappingProxyType(flatten(to_dict(with_controller(Config(), controller))))
 
 
 def as_options(changes: Iterable[tuple[str, str]]) -> list[str]:
@@ -56,7 +60,7 @@ class Variant:
     @property
     def label(self) -> str:
         """What it is called, on the command line and as a directory: `loco-transformer+layers=1`."""
-        return "+".join([self.policy, *(f"{key.removeprefix(_NETWORK)}={value}" for key, value in self.changes)])
+        return "+".join([self.policy, *(f"{_short(key)}={value}" for key, value in self.changes)])
 
     @property
     def words(self) -> list[str]:
@@ -65,10 +69,16 @@ class Variant:
 
     def matches(self, config: Mapping[str, Any]) -> bool:
         """Whether a run's flat configuration is of this variant, however it was trained."""
-        defaults, changes = default_keys(), dict(self.changes)
+        changes = dict(self.changes)
+        defaults = default_keys(changes.get(CONTROLLER, controllers.DEFAULT))
         wanted = {key: changes.get(key, str(defaults[key])) for key in {*METHOD_KEYS, *changes}}
         same = all(str(config.get(key)) == value for key, value in wanted.items())
         return config.get("policy") == self.policy and same
+
+
+def _short(key: str) -> str:
+    """A key as a label has it."""
+    return next((short for short, whole in SHORT.items() if whole == key), key.removeprefix(_NETWORK))
 
 
 def parse_variant(text: str) -> Variant:
@@ -95,7 +105,7 @@ def parse_change(text: str) -> tuple[str, str]:
     if not key or not value:
         raise UserError(f"'{text}' changes nothing; accepted: KEY=VALUE, e.g. layers=1 or ppo.clip=0.1")
     key = key.replace("-", "_")
-    key = key if "." in key or key == "method" else _NETWORK + key
+    key = key if "." in key else SHORT.get(key, _NETWORK + key)
     known = default_keys()
     if key in GIVEN:
         raise UserError(f"'{key}' is given by {GIVEN[key]}; change another key")

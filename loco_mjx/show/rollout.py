@@ -9,7 +9,9 @@ import jax
 import jax.numpy as jp
 import numpy as np
 
+from loco_mjx import controllers
 from loco_mjx.config import Config, EnvConfig, preset
+from loco_mjx.controllers import CONTROLLERS
 from loco_mjx.depth.encoding import decode
 from loco_mjx.env import LocoEnv
 from loco_mjx.errors import UserError
@@ -20,7 +22,7 @@ from loco_mjx.robots import DEFAULT
 from loco_mjx.run.policy import TrainedPolicy, observation_shapes
 from loco_mjx.scene.types import Scene
 
-Kind = Literal["policy", "zero", "random"]
+Kind = Literal["policy", "zero", "random", "mpc"]
 
 
 @dataclass(frozen=True)
@@ -49,12 +51,19 @@ class Moment:
 
 
 class Agent:
-    """What acts: a trained policy's mean, the default pose (zero), or noise."""
+    """What acts: a trained policy's mean, the default pose (zero), noise, or a command to the whole-body controller."""
 
-    def __init__(self, kind: Kind, policy: TrainedPolicy | None = None, robot: str = DEFAULT) -> None:
+    def __init__(
+        self,
+        kind: Kind,
+        policy: TrainedPolicy | None = None,
+        robot: str = DEFAULT,
+        command: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         """Takes a policy for kind "policy"; the others need none, and stand in the policy's environment if it is given.
 
-        Without a policy it is `robot`, by name or path, that acts.
+        Without a policy it is `robot`, by name or path, that acts; with kind "mpc" it walks by a constant command,
+        speed ahead, m/s, and yaw rate, rad/s.
 
         Raises:
             UserError: if a policy is asked for and there is none.
@@ -62,7 +71,9 @@ class Agent:
         if kind == "policy" and policy is None:
             raise UserError("there is no policy to run; accepted: the directory of a run, or the zero or random agent")
         self.kind, self.policy = kind, policy if kind == "policy" else None
-        self._config: Config = policy.config if policy is not None else preset("fast", robot)
+        own = kind if kind in CONTROLLERS else controllers.DEFAULT
+        self._config: Config = policy.config if policy is not None else preset("fast", robot, own)
+        self._command = command
 
     def env_config(self, task: str | None = None) -> EnvConfig:
         """The environment to act in: the policy's own or the default, without randomisation."""
@@ -88,6 +99,8 @@ class Agent:
         """(size,) action in [−1, 1] at a step of the episode, the attention if there is any, and the depth held."""
         if self.kind == "zero":
             return jp.zeros(size), None, None
+        if self.kind == "mpc":
+            return jp.clip(jp.array(self._command) / jp.array(CONTROLLERS["mpc"].scale), -1.0, 1.0), None, None
         if self.policy is None:
             return jax.random.uniform(key, (size,), minval=-1.0, maxval=1.0), None, None  # action = +U(−1, 1)
         outputs, held = self.policy.actor().outputs(obs, held, step)
@@ -95,7 +108,11 @@ class Agent:
 
 
 class Rollout:
-    """Episodes one after another; episode i of a seed is the one `loco-mjx evaluate` runs as its i-th."""
+    """Episodes one after another; episode i of a seed is the one `loco-mjx evaluate` runs as its i-th.
+
+    Attributes:
+        unsolved: the whole-body controller's programs so far that were not solved; None without it.
+    """
 
     def __init__(self, agent: Agent, config: EnvConfig) -> None:
         """Builds the environment; programs compile on first use.
@@ -110,6 +127,7 @@ class Rollout:
         self._act = jax.jit(self._decide)
         self.seed, self.episode = 0, 0
         self._distance = 0.0
+        self.unsolved: int | None = None if config.controller == controllers.DEFAULT else 0
         self._state: Any = None  # these three: of the current moment, from reset on
         self._action: Any = None
         self._moment: Moment
@@ -132,6 +150,8 @@ class Rollout:
             return self._begin()
         self._state = self._step(self._state, self._action)
         self._distance += float(self._state.metrics["distance"])
+        if self.unsolved is not None:
+            self.unsolved += int(self._state.metrics["unsolved"])
         return self._look()
 
     def _begin(self) -> Moment:

@@ -16,9 +16,10 @@ import jax
 import numpy as np
 
 from loco_mjx.deploy.folder import Manifest
-from loco_mjx.deploy.observer import Observer
 from loco_mjx.env.state import State
+from loco_mjx.robots import Robot, get_robot
 from loco_mjx.scene import mjcf
+from loco_mjx.simcheck.follow import make_follower
 from loco_mjx.simcheck.sides import Policy, WatchedRobot, one
 
 LENGTH = 25  # control steps of a window: 1 s
@@ -31,7 +32,7 @@ class Window:
 
     Attributes:
         first: state before it.
-        targets: per control step (E, 12), rad, those before the window first.
+        targets: per control step (E, 12), rad, or commands (E, 2); those before the window first.
         contacts: per control step (E,), whether anything was touched.
         scenes: per control step, if it moves.
         end: (E, 3) position after it, m.
@@ -49,9 +50,15 @@ class Window:
 class Recorder:
     """Keeps windows of a run of :class:`loco_mjx.simcheck.sides.MjxSide`."""
 
-    def __init__(self, hold: int, moving: bool, default_pose: np.ndarray) -> None:
-        """Keeps nothing yet; `hold` is the policy's, whose looks at depth every window begins with."""
-        self._pose = default_pose
+    def __init__(self, hold: int, moving: bool, neutral: np.ndarray) -> None:
+        """Keeps nothing yet.
+
+        Args:
+            hold: the policy's, whose looks at depth every window begins with.
+            moving: whether obstacles move.
+            neutral: what the policy's targets are relative to (loco_mjx/env/action.py).
+        """
+        self._neutral = neutral
         self._every, self._moving = hold * -(-APART // hold), moving
         self._open: Window | None = None
         self.windows: list[Window] = []
@@ -60,10 +67,10 @@ class Recorder:
         """Takes in control step t, after which `alive` (E,) episodes go on."""
         at = t % self._every
         if at == 0:
-            self._open = Window(jax.device_get(before), [_targets(before, self._pose)])
+            self._open = Window(jax.device_get(before), [_targets(before, self._neutral)])
         if self._open is None or at >= LENGTH:
             return
-        self._open.targets.append(_targets(after, self._pose))
+        self._open.targets.append(_targets(after, self._neutral))
         self._open.contacts.append(np.asarray(after.metrics["contacts"]))
         if self._moving:
             self._open.scenes.append(jax.device_get(after.pipeline_state.scene))
@@ -81,8 +88,8 @@ class Replayed:
         seconds: length of each.
         c: `distance` from start to end, m, and `contacts`, control steps; (W,) each.
         mjx: the same.
-        targets: (W,) mean absolute difference between the policy's targets on C's observation and on MJX's, rad; NaN
-            for a policy that still sees at a window's end what was before it.
+        targets: (W,) mean absolute difference between the policy's targets on C's observation and on MJX's, rad, or
+            the unit of its commands; NaN for a policy that still sees at a window's end what was before it.
     """
 
     seconds: float
@@ -109,10 +116,11 @@ def replay(
         pool: runs the episodes.
         tick: told how many control steps of them are done, of how many.
     """
+    about = get_robot(manifest.body)
     rows: list[tuple[float, float, float, float, float]] = []
     for done, window in enumerate(windows, 1):
         assert window.whole is not None
-        again = lambda i, window=window: _again(window, int(i), robots[i], manifest, policy)  # noqa: E731
+        again = lambda i, window=window: _again(window, int(i), robots[i], manifest, about, policy)  # noqa: E731
         rows += pool.map(again, np.flatnonzero(window.whole))
         tick(done * LENGTH, len(windows) * LENGTH)
     columns = np.array(rows).reshape(-1, 5).T
@@ -121,24 +129,23 @@ def replay(
 
 
 def _again(
-    window: Window, i: int, robot: WatchedRobot, manifest: Manifest, policy: Policy
+    window: Window, i: int, robot: WatchedRobot, manifest: Manifest, about: Robot, policy: Policy
 ) -> tuple[float, float, float, float, float]:
     """One episode's window: distance and contacts in C and in MJX, and how far the targets differ."""
     physics, scene = window.first.pipeline_state.physics, window.first.pipeline_state.scene
     robot.put(physics.qpos[i], physics.qvel[i], scene.spheres.collected[i])
-    observer, touched, away = Observer(manifest), 0, []
+    follower, touched, away = make_follower(manifest, about), 0, []
+    follower.resume(one(window.first.pipeline_state.control, i), robot)
     settled = _settled(manifest)
     for k in range(LENGTH):
-        frame = robot.depth() if manifest.camera is not None else None
-        decided = policy(observer.observe(robot.read(), frame, window.targets[k][i]))
+        decided = policy(follower.observe(robot, window.targets[k][i]))
         given = window.targets[k + 1][i]
         if k >= settled:
             away.append(np.abs(decided - given).mean())
         if window.scenes:
             mjcf.place_boxes(robot.model, robot.data, one(window.scenes[k], i))
         robot.forget()
-        for _ in range(manifest.pd_hz // manifest.policy_hz):
-            robot.command(given, manifest.kp, manifest.kd)
+        follower.follow(robot, given)
         touched += robot.contact
     start, end = np.asarray(physics.qpos[i, :3], np.float64), np.asarray(window.end)[i]
     moved = [float(np.linalg.norm(there - start)) for there in (robot.data.qpos[:3], end)]
@@ -155,5 +162,5 @@ def _settled(manifest: Manifest) -> int:
     return manifest.hold * -(-max(frames) // manifest.hold)
 
 
-def _targets(state: State, default_pose: np.ndarray) -> np.ndarray:
-    return np.asarray(state.pipeline_state.episode.last_action, np.float64) + default_pose
+def _targets(state: State, neutral: np.ndarray) -> np.ndarray:
+    return np.asarray(state.pipeline_state.episode.last_action, np.float64) + neutral

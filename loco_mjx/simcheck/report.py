@@ -33,8 +33,8 @@ def _replay(found: dict[str, Any]) -> list[Table | str]:
     title = f"{found['windows']:,} times {found['seconds']:g} s of MJX's episodes again in C, from the same state"
     away, said = found["targets"], "The policy holds what it sees for too long for its targets to be compared."
     if away is not None:
-        amount = f"{away['mean']:.1e} rad in the mean, {away['max']:.1e} at most"
-        said = f"On C's observations of them the policy's targets differ by {amount}."
+        amount = f"{away['mean']:.1e} {found['unit']} in the mean, {away['max']:.1e} at most"
+        said = f"On C's observations of them the policy's {found['output']} differ by {amount}."
     return ["", title, _rows(found, ["distance", "contacts"], 4), said]
 
 

@@ -18,6 +18,7 @@ from loco_mjx import config as config_lib
 from loco_mjx.config import EnvConfig
 from loco_mjx.deploy import folder
 from loco_mjx.deploy.session import Session
+from loco_mjx.env.action import neutral
 from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
@@ -84,7 +85,7 @@ def simcheck(
     env = LocoEnv(config)
     mesh = make_mesh(dividing_devices(episodes))
     first = start(env, seed, episodes)
-    found, seconds, recorder = {}, {}, Recorder(manifest.hold, env.task.moving, manifest.default_pose)
+    found, seconds, recorder = {}, {}, Recorder(manifest.hold, env.task.moving, neutral(config))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         c = CSide(env, manifest, session, pool, prisms)
         for side, watch in ((MjxSide(env, manifest, session, pool, mesh), recorder), (c, None)):
@@ -102,7 +103,7 @@ def simcheck(
         "prisms": prisms,
         "physics": config_lib.to_dict(config.physics),
         "metrics": compare(found[CSide.name], found[MjxSide.name]),
-        "replay": replay_figures(again),
+        "replay": replay_figures(again) | {"output": manifest.controller.output, "unit": manifest.controller.unit},
         "episodes": {name: {key: values.tolist() for key, values in found[name].items()} for name in found},
         "seconds": seconds,
         "versions": provenance.versions(),

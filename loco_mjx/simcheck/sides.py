@@ -21,16 +21,17 @@ from loco_mjx.deploy.depth_hold import DepthHold
 from loco_mjx.deploy.description import DEPTH, STATE
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.mujoco_robot import HIDDEN_GROUP, SEEN_GROUP, MujocoRobot
-from loco_mjx.deploy.observer import Observer
-from loco_mjx.env.action import from_offsets
+from loco_mjx.env.action import from_offsets, neutral
+from loco_mjx.env.drive import Moved
 from loco_mjx.env.loco_env import LocoEnv
 from loco_mjx.env.state import State
 from loco_mjx.evaluation.episodes import keys_of
 from loco_mjx.physics.step import PhysicsState, SubstepTrace
-from loco_mjx.robots import LEGS, NJOINT
+from loco_mjx.robots import LEGS
 from loco_mjx.scene import mjcf
 from loco_mjx.scene.types import Scene
 from loco_mjx.sharding import AXIS, shard_map
+from loco_mjx.simcheck.follow import make_follower
 
 Policy = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 KEYS = {STATE: "state", DEPTH: "pixels/depth"}
@@ -51,7 +52,7 @@ class MjxSide:
         """Prepares the program; `pool` runs the policy, `mesh` is of `make_mesh`."""
         self._manifest, self._policy, self._pool = manifest, policy, pool
         self._mesh = mesh
-        self._action = env.config.action
+        self._config = env.config
         advance = shard_map(jax.vmap(env.step), mesh, P(AXIS), P(AXIS))
         # Arrays without elements would come back otherwise placed, and the second step would compile again.
         self._advance = jax.jit(advance, out_shardings=NamedSharding(mesh, P(AXIS)))
@@ -66,12 +67,12 @@ class MjxSide:
         obs = {name: np.asarray(state.obs[KEYS[name]]) for name in self._manifest.shapes}
         if DEPTH in obs:
             obs[DEPTH] = self._held(obs[DEPTH])
-        offsets = np.zeros((len(alive), NJOINT))
+        offsets = np.zeros((len(alive), self._manifest.controller.size))
         going = np.flatnonzero(alive)
         targets = list(self._pool.map(lambda i: self._policy({name: obs[name][i] for name in obs}), going))
         if targets:
-            offsets[going] = np.array(targets) - self._manifest.default_pose
-        return self._advance(state, jp.asarray(from_offsets(offsets, self._action), jp.float32))
+            offsets[going] = np.array(targets) - neutral(self._config)
+        return self._advance(state, jp.asarray(from_offsets(offsets, self._config), jp.float32))
 
 
 class WatchedRobot(MujocoRobot):
@@ -106,9 +107,9 @@ class WatchedRobot(MujocoRobot):
         """Starts a new control step."""
         self.torque_squared, self.contact = 0.0, False
 
-    def command(self, targets: np.ndarray, kp: float, kd: float) -> None:
+    def _step(self, torque: np.ndarray) -> None:
         """One physics step; contacts are those at its start, as in ours."""
-        super().command(targets, kp, kd)
+        super()._step(torque)
         self.torque_squared += float(self.data.ctrl @ self.data.ctrl)
         if not self.contact and self.data.ncon:
             touching = self.data.contact.geom[self.data.contact.dist < 0]
@@ -133,8 +134,8 @@ class CSide:
         scenes = jax.tree.map(np.asarray, state.pipeline_state.scene)
         starts = np.asarray(state.pipeline_state.physics.qpos, np.float64)
         self.robots = list(self._pool.map(lambda i: self._robot(one(scenes, i), starts[i]), range(len(starts))))
-        self._observers = [Observer(self._manifest) for _ in starts]
-        self._targets = np.tile(self._manifest.default_pose, (len(starts), 1))
+        self._followers = [make_follower(self._manifest, self._env.robot) for _ in starts]
+        self._targets = np.tile(neutral(self._env.config), (len(starts), 1))
         return state
 
     def _robot(self, scene: Scene, qpos: np.ndarray) -> WatchedRobot:
@@ -153,29 +154,31 @@ class CSide:
                 robot = self.robots[i]
                 mjcf.place_boxes(robot.model, robot.data, one(scene, i))
         list(self._pool.map(self._control_step, np.flatnonzero(alive)))
-        physics, outcome = self._measured()
-        command = jp.asarray(self._targets - self._manifest.default_pose, jp.float32)
-        return self._finish_step(state, scene, physics, outcome, command)
+        command = jp.asarray(self._targets - neutral(self._env.config), jp.float32)
+        return self._finish_step(state, scene, self._measured(state), command)
 
     def _control_step(self, i: int | np.integer) -> None:
         robot = self.robots[i]
-        frame = robot.depth() if self._manifest.camera is not None else None
-        obs = self._observers[i].observe(robot.read(), frame, self._targets[i])
-        self._targets[i] = self._policy(obs)
+        self._targets[i] = self._policy(self._followers[i].observe(robot, self._targets[i]))
         robot.forget()
-        for _ in range(self._env.robot.substeps):
-            robot.command(self._targets[i], self._manifest.kp, self._manifest.kd)
+        self._followers[i].follow(robot, self._targets[i])
 
-    def _measured(self) -> tuple[PhysicsState, SubstepTrace]:
+    def _measured(self, state: State) -> Moved:
         """What the physics would say of this step; its traces are the last moment's, whose history nobody reads."""
         qpos = jp.asarray(np.array([robot.data.qpos for robot in self.robots]), jp.float32)
         qvel = jp.asarray(np.array([robot.data.qvel for robot in self.robots]), jp.float32)
-        substeps = self._env.robot.substeps
+        substeps = round(self._env.dt / self._env.robot.physics_dt)
         trace = [jp.repeat(x[:, None], substeps + 1, axis=1) for x in (qpos[:, 7:], qpos[:, 3:7], qvel[:, 3:6])]
         squared = jp.asarray([robot.torque_squared / substeps for robot in self.robots], jp.float32)
         contact = jp.asarray([robot.contact for robot in self.robots])
         dropped = jp.zeros(len(self.robots), jp.int32)  # C feels everything
-        return PhysicsState(qpos, qvel, jp.zeros_like(qvel)), SubstepTrace(squared, contact, dropped, *trace)
+        facts = [follower.facts() for follower in self._followers]
+        return Moved(
+            PhysicsState(qpos, qvel, jp.zeros_like(qvel)),
+            state.pipeline_state.control,  # which nobody reads: the followers remember
+            SubstepTrace(squared, contact, dropped, *trace),
+            {name: jp.asarray([one[name] for one in facts], jp.float32) for name in facts[0]},
+        )
 
 
 def one(tree: Any, i: int | np.integer) -> Any:

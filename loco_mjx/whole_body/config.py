@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from loco_mjx.controllers import SPEED_LIMIT as SPEED_LIMIT
+from loco_mjx.controllers import TICK as TICK
+from loco_mjx.controllers import YAW_RATE_LIMIT as YAW_RATE_LIMIT
 from loco_mjx.ranges import Range
-
-TICK = 0.005  # s, 200 Hz
-SPEED_LIMIT = 0.4  # m/s, of commands
-YAW_RATE_LIMIT = 0.3  # rad/s, of commands
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,15 @@ BAD = {
     "negative": ([*without("--total-steps"), "--total-steps", "-5"], "total-steps -5 1 2000000000"),
     "tokens": (["train", "--network.tokens-per-side", "3"], "--network.tokens-per-side 3"),
     "two tasks": (["train", "--task", "thin", "--env.task", "wide"], "--task thin --env.task wide"),
+    "controller": (["train", "--controller", "mcp"], "controller mcp mpc pd"),
+    "two controllers": (
+        ["train", "--controller", "pd", "--env.controller", "mpc"],
+        "--controller pd --env.controller mpc",
+    ),
+    "last action": (
+        ["train", "--controller", "mpc", "--env.observation.last-action", "True"],
+        "env.observation.last_action True mpc False",
+    ),
     "two sizes": ([*RUN, "--ppo.num-envs", "8"], "--num-envs 4 --ppo.num-envs 8"),
     "two totals": ([*RUN, "--ppo.total_steps=8"], "--total-steps 192 --ppo.total-steps 8"),
     "two presets": (["train", "--preset", "fast", "--preset", "paper"], "--preset twice fast paper"),

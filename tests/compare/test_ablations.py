@@ -130,7 +130,7 @@ def test_a_sweep_and_the_papers_table_know_an_ablation_by_its_configuration(chan
 def test_diagonal_actions_move_diagonal_legs_alike():
     env = LocoEnv(config_of(f"{PLAIN}+env.action.diagonal=True").env)
     assert env.action_size == 6
-    command = to_offsets(jp.arange(1.0, 7.0) / 10, env.config.action) / joint_scale(env.config.action)
+    command = to_offsets(jp.arange(1.0, 7.0) / 10, env.config) / joint_scale(env.config.action)
     right, left = [0.1, 0.2, 0.3], [0.4, 0.5, 0.6]
     np.testing.assert_allclose(command, [*right, *left, *left, *right], rtol=1e-5)  # FR, FL, RR, RL
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import NetworkConfig
+from loco_mjx.controllers import get_controller
 from loco_mjx.deploy import converted, export, folder
 from loco_mjx.deploy.session import Session
 from loco_mjx.networks.outputs import heads
@@ -86,7 +87,8 @@ def test_parity_of_a_policy_of_the_user(own_policy, diagonal, views, tmp_path, m
 def test_a_graph_that_differs_or_cannot_be_written_is_refused(own_policy, tmp_path, monkeypatch):
     policy = made.policy(own_policy)
     written = converted.written
-    monkeypatch.setattr(converted, "written", lambda name, f, shapes: written(name, lambda *x: f(*x) + 1e-3, shapes))
+    off = lambda name, f, *more: written(name, lambda *x: f(*x) + 1e-3, *more)  # noqa: E731
+    monkeypatch.setattr(converted, "written", off)
     with refusal("gated 1.0e-03 0.0001"):
         export.write(policy, tmp_path / "policy")
     monkeypatch.undo()
@@ -95,7 +97,7 @@ def test_a_graph_that_differs_or_cannot_be_written_is_refused(own_policy, tmp_pa
         return jax.pure_callback(lambda x: x, jax.ShapeDtypeStruct((1, 12), jp.float32), arrays[0][:, :12])
 
     with refusal("odd jax2onnx"):
-        converted.convert("odd", odd, {"state": (93,)}, np.zeros(93), np.ones(93))
+        converted.convert("odd", odd, {"state": (93,)}, np.zeros(93), np.ones(93), get_controller("pd"))
     assert not (tmp_path / "policy").exists()
 
 

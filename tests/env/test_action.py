@@ -4,7 +4,7 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx.config import ActionConfig
+from loco_mjx.config import ActionConfig, EnvConfig
 from loco_mjx.env import action
 from loco_mjx.robots import joint_names
 
@@ -13,7 +13,7 @@ from loco_mjx.robots import joint_names
 def test_there_and_back(config):
     drawn = np.random.default_rng(0).uniform(-1, 1, (5, config.size))
     offsets = action.joint_scale(config) * action.per_joint(drawn, config)
-    np.testing.assert_allclose(action.from_offsets(offsets, config), drawn)
+    np.testing.assert_allclose(action.from_offsets(offsets, EnvConfig(action=config)), drawn)
     np.testing.assert_allclose(action.per_joint(jp.asarray(drawn), config), action.per_joint(drawn, config), rtol=1e-6)
 
 
@@ -25,4 +25,4 @@ def test_a_diagonal_pair_of_legs_moves_alike():
 
 def test_a_joint_that_an_action_cannot_move_has_the_action_0():
     config = ActionConfig((0.0, 0.5, 0.5))
-    assert action.from_offsets(np.full(12, 0.1), config)[:3].tolist() == [0.0, 0.2, 0.2]
+    assert action.from_offsets(np.full(12, 0.1), EnvConfig(action=config))[:3].tolist() == [0.0, 0.2, 0.2]

@@ -10,6 +10,7 @@ import pytest
 from loco_mjx import make_env
 from loco_mjx.config import ActionConfig, DepthConfig, EnvConfig, ObservationConfig, RandomizationConfig
 from loco_mjx.env import autoreset
+from loco_mjx.env.drive import Moved
 from loco_mjx.errors import UnknownNameError
 from loco_mjx.physics.step import SubstepTrace
 from tests.known_robots import A1
@@ -201,5 +202,6 @@ def test_what_physics_could_not_feel_is_a_metric(other):
     world, zero = state.pipeline_state, jp.zeros(())
     trace = [jp.tile(x, (17, 1)) for x in (world.physics.qpos[7:], world.physics.qpos[3:7], world.physics.qvel[3:6])]
     outcome = SubstepTrace(zero, zero > 0, jp.int32(3), *trace)
-    after = jax.jit(env.finish_step)(state, world.scene, world.physics, outcome, jp.zeros(12))
+    moved = Moved(world.physics, None, outcome, {})
+    after = jax.jit(env.finish_step)(state, world.scene, moved, jp.zeros(12))
     assert after.metrics["contacts/dropped"] == 3.0 and set(after.metrics) == set(state.metrics)

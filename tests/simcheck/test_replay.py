@@ -46,7 +46,8 @@ def _state(robot, targets):
     contacts = np.array([float(robot.contact)])
     episode = SimpleNamespace(last_action=(targets - POSE)[None])
     return SimpleNamespace(
-        pipeline_state=SimpleNamespace(physics=physics, scene=scene, episode=episode), metrics={"contacts": contacts}
+        pipeline_state=SimpleNamespace(physics=physics, scene=scene, episode=episode, control=None),
+        metrics={"contacts": contacts},
     )
 
 
