@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator, Mapping
+from types import FrameType
 from typing import TypeVar
 
 from loco_mjx.errors import UnknownNameError, UserError
@@ -92,14 +93,20 @@ class Registry(Mapping[str, T]):
 def caller(depth: int = 1) -> str | None:
     """What `--import` takes to run the code that called: None for this package's own, INTERACTIVE for a notebook.
 
+    Of a module that a file of `--import` imports it is that file, beside which alone Python may find the module.
+
     Args:
         depth: 1: whoever called the function that calls this one; 2: whoever called that, and so on.
     """
-    names = sys._getframe(depth + 1).f_globals
+    frame: FrameType | None = sys._getframe(depth + 1)
+    assert frame is not None
+    names = frame.f_globals
     name = str(names.get("__name__", ""))
     if name.partition(".")[0] == PACKAGE:
         return None
     if name != "__main__":
-        return str(names.get(IMPORTED_AS, name))
+        while frame is not None and IMPORTED_AS not in frame.f_globals:
+            frame = frame.f_back
+        return name if frame is None else str(frame.f_globals[IMPORTED_AS])
     spec, file = names.get("__spec__"), names.get("__file__")
     return spec.name if spec is not None else str(file) if file else INTERACTIVE

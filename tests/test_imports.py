@@ -76,6 +76,18 @@ def test_a_module_by_name_or_path_brings_its_names_once(word, module):
     assert imports.absolute(word) == str(module)
 
 
+def test_a_module_that_a_file_imports_is_brought_by_that_file(module):
+    """Wherever a run is looked at later: the file's folder is where Python finds the module."""
+    elsewhere = module.parent / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "starts.py").write_text("import own_things")
+    module.rename(elsewhere / "own_things.py")
+    imports.load(["elsewhere/starts.py"])
+    sys.modules.pop("starts")
+    assert {registry.origin(name) for registry, name in OWN} == {"elsewhere/starts.py"}
+    assert needs.with_imports(Config(policy="small")).imports == ("elsewhere/starts.py",)
+
+
 def test_a_name_that_is_taken_is_refused(module):
     imports.load(["own_things.py"])
     for register, thing in (
