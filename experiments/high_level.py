@@ -42,7 +42,9 @@ def train(policy: str, samples: int, directory: Path) -> None:
     """Trains, or goes on training, in a directory."""
     command = ["--task", TASK, "--controller", "mpc", "--policy", policy, "--seed", str(SEED)]
     command += ["--total-steps", str(samples), "--out", str(directory)]
-    subprocess.run([*PROGRAM, "train", *command], check=True)
+    done = subprocess.run([*PROGRAM, "train", *command])
+    if done.returncode:  # stopped, or refused, which it has said
+        raise SystemExit(done.returncode)
 
 
 def keep(policy: str, directory: Path) -> None:
