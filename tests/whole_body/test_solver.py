@@ -5,6 +5,7 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
+from loco_mjx.bench import mpc as bench
 from loco_mjx.whole_body import controller, gait, library, mpc, solver
 from loco_mjx.whole_body.arrays import level, rotation
 from loco_mjx.whole_body.config import TICK, Mpc
@@ -68,6 +69,20 @@ def test_forces_are_quadprogs(solved):
     off = np.abs(ours.forces - np.stack([one.forces for one in theirs])).max(axis=(1, 2, 3))
     assert off[:1000].max() < NEAR, off[:1000].max()
     assert off.max() < 10 * NEAR, off.max()
+
+
+def test_forces_are_osqps_or_the_cost_is(solved):
+    """Within 1 N, or 0.1% of the cost: OSQP stops at a tolerance of its own."""
+    pytest.importorskip("osqp")
+    programs, _, ours = solved
+    by_osqp = bench.solvers(CONFIG)["osqp"]
+    for program, forces in zip(programs, ours.forces.astype(np.float64), strict=True):
+        dense = library.dense(MPC, program)
+        if len(dense.q):
+            theirs = np.zeros_like(forces)
+            theirs[dense.chosen] = by_osqp(dense).x.reshape(-1, 3)
+            best = library.cost(dense, theirs)
+            assert np.abs(forces - theirs).max() < 1.0 or library.cost(dense, forces) <= best + 1e-3 * abs(best)
 
 
 def test_the_cost_is_not_above_quadprogs(solved):
