@@ -16,7 +16,6 @@ from loco_mjx.config import Config, EnvConfig
 from loco_mjx.config.reward_terms import REWARDS
 from loco_mjx.deploy import folder, trained
 from loco_mjx.deploy.session import Session
-from loco_mjx.errors import UserError
 from loco_mjx.evaluation import report
 from loco_mjx.evaluation.episodes import Evaluator
 from loco_mjx.networks.registry import POLICIES
@@ -27,6 +26,7 @@ from loco_mjx.run.logger import read_rows
 from loco_mjx.scene.tasks import TASKS
 from tests.deploy import made
 from tests.optional import needs_opengl
+from tests.refusals import refusal
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MODULES = ("custom_task", "custom_policy", "custom_reward")
@@ -131,7 +131,7 @@ def test_it_is_evaluated_exported_and_missed(run, capsys, tmp_path):
     assert away == pytest.approx(policy.act({"state": obs["state"], "pixels/depth": obs["depth"]}) * scale, abs=1e-4)
     forget()
     for path in (run, out):
-        with pytest.raises(UserError, match=r"needs the task 'slalom'.*; pass --import .*custom_task\.py"):
+        with refusal("slalom --import custom_task.py"):
             trained.load(path)
     assert main(["evaluate", str(out)]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1

@@ -15,9 +15,9 @@ from brax.training.agents.ppo import train as ppo
 from loco_mjx import make_env, wrap_for_brax
 from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig
 from loco_mjx.env.state import State
-from loco_mjx.errors import UserError
 from tests.known_robots import A1
 from tests.ppo.probes import Probe
+from tests.refusals import refusal
 
 N, LENGTH, POOL = 2, 3, 4  # environments, control steps of an episode, scenes
 BLIND = EnvConfig(observation=ObservationConfig(depth=DepthConfig(enabled=False)))
@@ -157,16 +157,16 @@ def test_how_the_environment_ends_an_episode_holds_at_the_same_time_limit_too(tr
 
 
 @pytest.mark.parametrize(
-    ("asked", "said"),
+    ("asked", "named"),
     [
-        ({"action_repeat": 2}, "action_repeat is 2; accepted: 1"),
-        ({"randomization_fn": len}, "randomization_fn is given; accepted: None"),
-        ({"episode_length": 0}, "episode_length is 0; accepted: 1 or more"),
-        ({"pool_size": 0}, "pool_size is 0; accepted: 1 or more"),
+        ({"action_repeat": 2}, "action_repeat 2 1"),
+        ({"randomization_fn": len}, "randomization_fn None"),
+        ({"episode_length": 0}, "episode_length 0 1"),
+        ({"pool_size": 0}, "pool_size 0 1"),
     ],
 )
-def test_what_it_cannot_do_is_refused(asked, said):
-    with pytest.raises(UserError, match=said):
+def test_what_it_cannot_do_is_refused(asked, named):
+    with refusal(named):
         wrap_for_brax(Probe(), **asked)
 
 
