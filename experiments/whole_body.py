@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from loco_mjx.config import PhysicsConfig
+from loco_mjx.controllers import TICK
 from loco_mjx.physics.driven import driven_steps
 from loco_mjx.physics.model import build
 from loco_mjx.physics.step import initial_state, nominal_dynamics
@@ -28,7 +29,7 @@ from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.whole_body import controller, library, walk
 from loco_mjx.whole_body.arrays import rotation
-from loco_mjx.whole_body.config import TICK, WholeBodyConfig
+from loco_mjx.whole_body.config import WholeBodyConfig
 from loco_mjx.whole_body.legs import body_of
 
 RESULTS = Path(__file__).parent / "results" / "cpu" / "whole_body"

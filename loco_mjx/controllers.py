@@ -44,6 +44,11 @@ class Controller:
         return self.policy_hz or robot.policy_hz
 
 
+def ticks(policy_hz: float) -> int:
+    """The whole-body controller's ticks in a control step."""
+    return round(1 / (policy_hz * TICK))
+
+
 CONTROLLERS = {
     one.name: one
     for one in (

@@ -14,10 +14,11 @@ from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from loco_mjx.bench.timing import seconds_in_turn
+from loco_mjx.controllers import TICK
 from loco_mjx.robots import DEFAULT, get_robot
 from loco_mjx.sharding import AXIS, dividing_devices, make_mesh, shard_map
 from loco_mjx.whole_body import controller, gait, library, mpc, solver
-from loco_mjx.whole_body.config import TICK, WholeBodyConfig
+from loco_mjx.whole_body.config import WholeBodyConfig
 from loco_mjx.whole_body.legs import Body, body_of
 
 PEER_PROGRAMS = 64  # in a call

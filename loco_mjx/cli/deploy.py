@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from loco_mjx import policies
+from loco_mjx.cli import words
 from loco_mjx.cli.parse import parse
 from loco_mjx.deploy import folder
 from loco_mjx.deploy.a1_robot import A1Robot
@@ -31,6 +32,7 @@ from loco_mjx.robots import DEFAULT, get_robot
 PROG = "loco-mjx deploy"
 STOPPED = 1  # exit code of a run that ended before its time
 PATIENCE = 1.0  # s a simulated robot's tick may take on a busy machine
+COMMANDED = ("--vx", "--yaw", "--body")  # options that only a walk without a policy looks at
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,9 @@ def main(args: Sequence[str]) -> int:
         return walk(options)
     if options.policy is None:
         raise UserError("no policy to run; accepted: a folder that `loco-mjx export` wrote, or --controller mpc")
+    for name, _ in words.given(args):
+        if name in COMMANDED:
+            raise UserError(f"{name} is for --controller mpc without a policy; accepted: the one or the other")
     where = policies.find(options.policy)
     manifest = folder.read(where)
     if options.controller not in (None, manifest.controller.name):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from loco_mjx.controllers import TICK
+from loco_mjx.controllers import ticks
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.observer import Observer
 from loco_mjx.deploy.robot import DrivenRobot, Frame, Sensors
@@ -45,7 +45,7 @@ class Guided(Walker):
         """
         super().__init__(about, lambda seconds: (0.0, 0.0), robot, patience=patience, manifest=manifest, **more)
         self.policy, self._period = policy, 1 / manifest.policy_hz
-        self._every = round(self._period / TICK)
+        self._every = ticks(manifest.policy_hz)
         self._policy_patience = max((1 + self.guard.limits.missed) * self._period, patience)
         self._held = np.zeros(manifest.controller.size)
 

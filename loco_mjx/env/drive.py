@@ -13,7 +13,7 @@ import jax.numpy as jp
 from flax import struct
 
 from loco_mjx.config import EnvConfig
-from loco_mjx.controllers import TICK, get_controller
+from loco_mjx.controllers import TICK, get_controller, ticks
 from loco_mjx.env.action import neutral
 from loco_mjx.errors import UserError
 from loco_mjx.physics.driven import driven_steps
@@ -93,7 +93,7 @@ class WholeBody:
             UserError: if the robot's physics have no whole number of steps in a tick.
         """
         robot, rate = model.robot, get_controller(config.controller).rate(model.robot)
-        self._size = round(1 / (rate * TICK)), substeps(robot)
+        self._size = ticks(rate), substeps(robot)
         self._model, self._config, self._body = model, WholeBodyConfig(), body_of(robot)
         self._controller = walk.make_controller(self._config, self._body)
 

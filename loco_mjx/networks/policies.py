@@ -28,8 +28,8 @@ from loco_mjx.networks.registry import POLICIES, register_policy
 from loco_mjx.networks.transformer import Transformer
 
 
-class LocoTransformer(nn.Module):
-    """State token and visual tokens through a transformer; the state token and the visual tokens' mean decide.
+class PolicyModule(nn.Module):
+    """What all policies' modules are made of.
 
     Attributes:
         config: sizes.
@@ -38,6 +38,10 @@ class LocoTransformer(nn.Module):
 
     config: NetworkConfig
     actions: int
+
+
+class LocoTransformer(PolicyModule):
+    """State token and visual tokens through a transformer; the state token and the visual tokens' mean decide."""
 
     @nn.compact
     def __call__(self, obs: Observation) -> Outputs:
@@ -59,16 +63,8 @@ class LocoTransformer(nn.Module):
         return pooled, attention
 
 
-class DepthOnly(nn.Module):
-    """The transformer over visual tokens alone; their mean decides.
-
-    Attributes:
-        config: sizes.
-        actions: size of the action.
-    """
-
-    config: NetworkConfig
-    actions: int
+class DepthOnly(PolicyModule):
+    """The transformer over visual tokens alone; their mean decides."""
 
     @nn.compact
     def __call__(self, obs: Observation) -> Outputs:
@@ -90,16 +86,8 @@ def _visual_vector(depth: jax.Array, width: int) -> jax.Array:
     return nn.relu(nn.Dense(width, kernel_init=PROJECTION_INIT, name="visual_projection")(visual))
 
 
-class StateDepthConcat(nn.Module):
-    """Flattened visual features and state features side by side, into an MLP.
-
-    Attributes:
-        config: sizes.
-        actions: size of the action.
-    """
-
-    config: NetworkConfig
-    actions: int
+class StateDepthConcat(PolicyModule):
+    """Flattened visual features and state features side by side, into an MLP."""
 
     @nn.compact
     def __call__(self, obs: Observation) -> Outputs:
@@ -111,16 +99,8 @@ class StateDepthConcat(nn.Module):
         return heads(self, hidden, features, lambda: features, obs)
 
 
-class VisualCnn(nn.Module):
-    """Flattened visual features alone, into an MLP: what the paper compares `depth-only` with over the MPC.
-
-    Attributes:
-        config: sizes.
-        actions: size of the action.
-    """
-
-    config: NetworkConfig
-    actions: int
+class VisualCnn(PolicyModule):
+    """Flattened visual features alone, into an MLP: what the paper compares `depth-only` with over the MPC."""
 
     @nn.compact
     def __call__(self, obs: Observation) -> Outputs:
@@ -129,20 +109,13 @@ class VisualCnn(nn.Module):
         return heads(self, self.config.hidden, features, lambda: features, obs)
 
 
-class Hierarchical(nn.Module):
+class Hierarchical(PolicyModule):
     """Two levels trained as one: vision → latent command; state and command → action (after Jain et al. 2020).
 
     Whoever runs the policy holds the depth it is given for `config.hold` control steps (loco_mjx/ppo/actor.py), and
     with it the command. The paper names neither the command's width nor its period; both are ours, as is training
     both levels by PPO at once and leaving out the trajectory generator.
-
-    Attributes:
-        config: sizes.
-        actions: size of the action.
     """
-
-    config: NetworkConfig
-    actions: int
 
     @nn.compact
     def __call__(self, obs: Observation) -> Outputs:
@@ -155,16 +128,8 @@ class Hierarchical(nn.Module):
         return heads(self, config.hidden, low, lambda: jp.concatenate([visual, body], axis=-1), obs)
 
 
-class StateOnly(nn.Module):
-    """A blind MLP; policy and value share the first half of its layers.
-
-    Attributes:
-        config: sizes.
-        actions: size of the action.
-    """
-
-    config: NetworkConfig
-    actions: int
+class StateOnly(PolicyModule):
+    """A blind MLP; policy and value share the first half of its layers."""
 
     @nn.compact
     def __call__(self, obs: Observation) -> Outputs:

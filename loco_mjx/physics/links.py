@@ -19,10 +19,10 @@ class Links:
     """Inertias of a robot's links about their joints, in the robot's pose of zeros; index 0 trunk, then a leg's parts.
 
     Attributes:
-        mass: (4,) of () for the trunk, (4,) over legs for hip, thigh and calf, kg.
-        moment: likewise, each (3, …), kg m.
-        offset: of masses that sit off the joint, each (6, …), xx, yy, zz, yz, xz, xy, kg m²; scales with the mass.
-        own: of bodies about their own centres, likewise; scales with the inertia.
+        mass: of the trunk (), then of hips, thighs and calves, each (4,) over legs, kg.
+        moment: mass times centre of mass, likewise with x, y, z in front: (3,), then (3, 4), kg m.
+        offset: of masses that sit off the joint, likewise with xx, yy, zz, yz, xz, xy in front, kg m²; the mass scales it.
+        own: of bodies about their own centres, likewise; the inertia scales it.
         armature: what the joints' own inertias add to the matrix: (6, 6, 1) and (3, 3, 4, 1), kg and kg m².
     """
 

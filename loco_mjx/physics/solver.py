@@ -1,9 +1,9 @@
 """MuJoCo's constraint problem for a quadruped, solved by Newton's method on the robot's own sparsity.
 
 The accelerations a minimise ½ (a − a₀)ᵀ M (a − a₀) + Σ ½ D min(0, J a − r)², MuJoCo's primal problem with a pyramidal
-cone (its documentation, "Computation"), whose rows are in rows.py.
+cone (its documentation, "Computation"), whose rows are in efc.py.
 
-It replaces mjx's solver, which calls LAPACK: slower for matrices this small, and in jaxlib 0.10 two CPU devices that
+MJX's own solver calls LAPACK: slower for matrices this small, and in jaxlib 0.10 two CPU devices that
 call it at the same time can wait for each other for ever.
 """
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import jax
 import numpy as np
 
-from loco_mjx.controllers import TICK
+from loco_mjx.controllers import TICK, ticks
 from loco_mjx.deploy.folder import Manifest
 from loco_mjx.deploy.low_level import LowLevel
 from loco_mjx.deploy.mujoco_robot import MujocoRobot
@@ -64,7 +64,7 @@ class Walked:
 
     def __init__(self, manifest: Manifest, about: Robot) -> None:
         self._observer, self._low, self._unsolved = Observer(manifest), LowLevel(about), 0
-        self._ticks = round(1 / (manifest.policy_hz * TICK))
+        self._ticks = ticks(manifest.policy_hz)
         self._substeps = round(manifest.pd_hz * TICK)
 
     def resume(self, control: Any, robot: MujocoRobot) -> None:

@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from loco_mjx.controllers import SPEED_LIMIT as SPEED_LIMIT
-from loco_mjx.controllers import TICK as TICK
-from loco_mjx.controllers import YAW_RATE_LIMIT as YAW_RATE_LIMIT
 from loco_mjx.ranges import Range
 
 

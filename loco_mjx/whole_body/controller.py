@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from loco_mjx.controllers import SPEED_LIMIT, TICK, YAW_RATE_LIMIT
 from loco_mjx.robots.motor import MotorCommand
 from loco_mjx.whole_body import gait, legs, mpc, swing
 from loco_mjx.whole_body.arrays import Array, level, rotation, space
-from loco_mjx.whole_body.config import SPEED_LIMIT, TICK, YAW_RATE_LIMIT, WholeBodyConfig
+from loco_mjx.whole_body.config import WholeBodyConfig
 from loco_mjx.whole_body.legs import Body
 
 

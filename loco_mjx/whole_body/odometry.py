@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from loco_mjx.controllers import TICK
 from loco_mjx.whole_body import legs
 from loco_mjx.whole_body.arrays import Array, space
-from loco_mjx.whole_body.config import TICK
 from loco_mjx.whole_body.legs import Body
 
 SMOOTHING = 0.03  # s, time constant of the low-pass filter on what the legs say

@@ -46,6 +46,7 @@ def test_deploy_refuses(policy, tmp_path, capsys):
 def test_deploy_refuses_a_controller_that_cannot_walk(policy, capsys):
     refused(["deploy"], "policy export --controller", capsys)
     refused(["deploy", str(policy), "--controller", "mpc"], "--controller mpc policy", capsys)
+    refused(["deploy", str(policy), "--vx", "0.2"], "--vx --controller mpc", capsys)
     refused(["deploy", "--controller", "mpc", "--vx", "nan"], "vx nan -10 10", capsys)
     refused(["deploy", "--controller", "mpc", "--robot", "a1", "--body", "go1"], "--robot a1 --body", capsys)
 

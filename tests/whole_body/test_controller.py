@@ -5,8 +5,8 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
+from loco_mjx.controllers import SPEED_LIMIT, YAW_RATE_LIMIT
 from loco_mjx.whole_body import controller, library, solver
-from loco_mjx.whole_body.config import SPEED_LIMIT, YAW_RATE_LIMIT
 from tests.whole_body.walks import BODY, CONFIG, Seen, recorded
 
 SAME = 1e-4  # N·m

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from loco_mjx.controllers import TICK
 from loco_mjx.whole_body import gait
-from loco_mjx.whole_body.config import TICK, Gait
+from loco_mjx.whole_body.config import Gait
 
 TROT = Gait()
 FR_RL, FL_RR = np.array([True, False, False, True]), np.array([False, True, True, False])

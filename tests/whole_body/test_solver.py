@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from loco_mjx.bench import mpc as bench
+from loco_mjx.controllers import TICK
 from loco_mjx.whole_body import controller, gait, library, mpc, solver
 from loco_mjx.whole_body.arrays import level, rotation
-from loco_mjx.whole_body.config import TICK, Mpc
+from loco_mjx.whole_body.config import Mpc
 from loco_mjx.whole_body.legs import feet
 from tests.whole_body.walks import BODY, CONFIG, recorded
 

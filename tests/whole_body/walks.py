@@ -10,11 +10,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from loco_mjx.controllers import TICK
 from loco_mjx.robots import LEGS, Robot
 from loco_mjx.robots.motor import MotorCommand
 from loco_mjx.whole_body import controller, library, odometry
 from loco_mjx.whole_body.arrays import rotation
-from loco_mjx.whole_body.config import TICK, WholeBodyConfig
+from loco_mjx.whole_body.config import WholeBodyConfig
 from loco_mjx.whole_body.legs import Body, body_of
 from tests.known_robots import A1
 
