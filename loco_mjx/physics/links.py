@@ -21,8 +21,8 @@ class Links:
     Attributes:
         mass: of the trunk (), then of hips, thighs and calves, each (4,) over legs, kg.
         moment: mass times centre of mass, likewise with x, y, z in front: (3,), then (3, 4), kg m.
-        offset: of masses that sit off the joint, likewise with xx, yy, zz, yz, xz, xy in front, kg m²; the mass scales it.
-        own: of bodies about their own centres, likewise; the inertia scales it.
+        offset: of masses that sit off the joint, likewise with xx, yy, zz, yz, xz, xy in front, kg m²; scaled by mass.
+        own: of bodies about their own centres, likewise; scaled by inertia.
         armature: what the joints' own inertias add to the matrix: (6, 6, 1) and (3, 3, 4, 1), kg and kg m².
     """
 
