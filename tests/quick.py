@@ -29,6 +29,8 @@ class Compilation:
         """Says how from now on."""
         more = " ".join(f"--{name}={str(value).lower()}" for name, value in _OPTIONS.items())
         known = self._known  # asked before anything is set: by then this process has read its flags
+        if self._quickly != (quickly and known):
+            jax.clear_caches()  # of programs that were compiled the other way
         self._quickly = quickly and known
         jax.config.update("jax_disable_most_optimizations", quickly)
         os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(quickly))

@@ -1,8 +1,9 @@
-"""Arithmetic is tested as users' programs are compiled, everything else quickly; the marker `optimized` says which."""
+"""What C MuJoCo checks is compiled as for users, everything else quickly; the marker `optimized` says which."""
 
 import os
 from pathlib import Path
 
+import jax
 import jax.numpy as jp
 import numpy as np
 import pytest
@@ -39,7 +40,16 @@ def test_without_it_they_are_compiled_quickly():
     assert os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "1"
 
 
-def test_every_comparison_with_c_mujoco_and_all_of_physics_and_depth_has_the_marker():
-    tests = Path(conftest.__file__).parent
-    files = [file for folder in ("oracle", "physics", "depth") for file in (tests / folder).glob("test_*.py")]
-    assert files and [file.name for file in files if "pytest.mark.optimized" not in file.read_text()] == []
+def test_physics_and_depth_are_compared_with_c_mujoco_as_users_compile_them():
+    oracle = Path(conftest.__file__).parent / "oracle"
+    for file in ("test_physics_c_mujoco.py", "test_depth_c_mujoco.py"):
+        assert "pytest.mark.optimized" in (oracle / file).read_text(), file
+
+
+def test_a_program_is_compiled_again_when_it_is_to_be_compiled_otherwise(compilation):
+    traced = []
+    program = jax.jit(lambda x: traced.append(None) or x + 1)
+    for quickly, times in ((True, 1), (True, 1), (False, 2), (True, 3)):
+        compilation.choose(quickly)
+        program(1.0)
+        assert len(traced) == times

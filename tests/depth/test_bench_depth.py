@@ -14,8 +14,6 @@ from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.tasks import get_task
 from tests.known_robots import A1
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 
 def test_bench_measures_both() -> None:
     result = bench_depth("stairs", num_envs=3, seconds=0.0)

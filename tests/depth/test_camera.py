@@ -10,8 +10,6 @@ from loco_mjx.config import DepthConfig
 from loco_mjx.depth import camera
 from tests.known_robots import A1
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 HALF = np.sqrt(0.5)
 
 

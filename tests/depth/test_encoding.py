@@ -10,8 +10,6 @@ import pytest
 from loco_mjx.config import DepthConfig
 from loco_mjx.depth.encoding import blind_pixels, decode, encode
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 CONFIG = DepthConfig()
 
 

@@ -17,8 +17,6 @@ from loco_mjx.scene.types import Terrain
 from tests.depth.test_render import at, make_scene
 from tests.known_robots import A1
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 CONFIG = DepthConfig()
 see = jax.jit(partial(render, mount=A1.camera, config=CONFIG))
 SHAPE, ORIGIN, CELL = (150, 140), (-2.0, -7.0), 0.1

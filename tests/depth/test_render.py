@@ -18,8 +18,6 @@ from loco_mjx.depth.render import cast_rays, cull, gather, render
 from loco_mjx.scene.types import Boxes, Cylinders, Scene, Spheres, Terrain
 from tests.known_robots import A1
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 CONFIG = DepthConfig()
 AHEAD = 0.2309  # the camera ahead of the base
 HALF = np.sqrt(0.5)

@@ -15,8 +15,6 @@ from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from tests.known_robots import A1
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 POSES = 200
 MARGIN = 2e-4  # m: closer calls than this may differ by rounding
 

@@ -10,8 +10,6 @@ import pytest
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.types import Terrain
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 SHAPE, CELL, ORIGIN = (9, 6), 0.5, (-1.0, 2.0)
 RADIUS = 0.01
 

@@ -8,8 +8,6 @@ import pytest
 from loco_mjx.physics.batch import together
 from tests.refusals import refusal
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 RESULT = {"sum": jax.ShapeDtypeStruct((), jp.float32), "rows": jax.ShapeDtypeStruct((), jp.int32)}
 
 

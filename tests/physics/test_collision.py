@@ -27,8 +27,6 @@ from loco_mjx.scene.types import OBSTACLE, STEP, WALL, Terrain
 from tests.known_robots import A1
 from tests.physics.world import scene, standing
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 CORNER = 1 / np.sqrt(3)
 
 

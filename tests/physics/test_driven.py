@@ -11,8 +11,6 @@ from loco_mjx.robots.motor import MotorCommand
 from tests.known_robots import A1
 from tests.physics import world
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 TICKS, SUBSTEPS = 8, 2  # a control step of the A1
 STEPS = 6
 

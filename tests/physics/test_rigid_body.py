@@ -16,8 +16,6 @@ from loco_mjx.physics.mjx import MjxDynamics
 from loco_mjx.physics.rigid_body import qM_and_qfrc_bias
 from loco_mjx.physics.xla import FusionBarrier
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 N = 40
 
 

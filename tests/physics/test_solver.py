@@ -13,8 +13,6 @@ from loco_mjx.physics import block_matrix, solver
 from loco_mjx.physics.efc import Constraints
 from loco_mjx.physics.xla import FusionBarrier
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 N, SLOTS, REST, TRUNK = 3, 4, 2, 6
 
 

@@ -29,8 +29,6 @@ from tests.physics.world import (
     trot_targets,
 )
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
-
 SAG = 0.240  # m, height that kp 40 holds the trunk at; C MuJoCo's figure
 
 
