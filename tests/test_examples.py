@@ -33,6 +33,7 @@ MODULES = ("custom_task", "custom_policy", "custom_reward")
 IMPORTS = [word for name in MODULES for word in ("--import", str(EXAMPLES / f"{name}.py"))]
 OWN = (TASKS, "slalom"), (POLICIES, "gated"), (REWARDS, "calm"), (REWARDS, "straight")
 SIZES = {"ppo.unroll": 4, "ppo.minibatch": 16, "ppo.epochs": 1, "ppo.pool_size": 2, "env.horizon": 8}
+SIZES |= {"env.physics.iterations": 1, "env.physics.more_iterations": 0, "env.physics.near_boxes": 1}
 OPTIONS = [word for key, value in SIZES.items() for word in (f"--{key}", str(value))]
 
 
