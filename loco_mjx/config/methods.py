@@ -8,12 +8,21 @@ from loco_mjx.config.tree import Config, NetworkConfig
 
 
 def teacher_of(config: Config) -> Config:
-    """The configuration of the teacher's run, for a run of method `distill`."""
+    """The configuration of the teacher's run, for a run of method `distill`.
+
+    What is imitated is its mean, by which a teacher that explores widely hardly ever acts: so its exploration narrows,
+    and its learning rate falls, as the same step changes a narrow Gaussian by more.
+    """
+    distill = config.distill
     depth = dataclasses.replace(config.env.observation.depth, enabled=False)
-    env = dataclasses.replace(config.env, observation=dataclasses.replace(config.env.observation, depth=depth))
-    total = round(config.distill.teacher_ratio * config.ppo.total_steps)
+    observation = dataclasses.replace(config.env.observation, depth=depth)
+    reward = dataclasses.replace(config.env.reward, collision=config.env.reward.collision + distill.teacher_collision)
+    env = dataclasses.replace(config.env, observation=observation, reward=reward)
+    total = round(distill.teacher_ratio * config.ppo.total_steps)
     network = dataclasses.replace(config.network, critic="shared", initial_std=NetworkConfig.initial_std)
     ppo = dataclasses.replace(config.ppo, total_steps=total, optimizer="joint")
+    if distill.teacher_std is not None:
+        ppo = dataclasses.replace(ppo, final_std=distill.teacher_std, learning_rate_decay=True)
     return Config(policy="privileged", seed=config.seed, env=env, network=network, ppo=ppo)
 
 

@@ -214,6 +214,7 @@ class PPOConfig:
     learning_rate_decay: bool = True  # linearly to zero over total_steps
     max_grad_norm: Annotated[float, Range(0, 1e6, above=True)] = 0.5
     entropy: Weight = 0.005
+    final_std: Deviation | None = None  # exploration's std stays below a limit that falls to this; None: no limit
     value_loss: Annotated[float, Range(0, 10_000)] = 0.5
     optimizer: Literal["joint", "separate"] = "joint"  # separate: policy and value have their own clip and Adam
     reward_scale: Annotated[float, Range(0, 10_000, above=True)] = (
@@ -239,6 +240,8 @@ class DistillConfig:
     """Method `distill`: a privileged teacher learns by PPO; the policy imitates it (DAgger), and may go on by PPO."""
 
     teacher_ratio: Annotated[float, Range(0, 1000, above=True)] = 4.0  # samples of the teacher for each of the policy
+    teacher_std: Deviation | None = 0.3  # its `ppo.final_std`; its learning rate falls to 0 with it
+    teacher_collision: Weight = 2.0  # its reward has this much more of `env.reward.collision`
     imitation: Share = 1.0  # share of the policy's samples in which it imitates; PPO in the rest
     std: Deviation = 0.3  # of the policy's exploration while it imitates, and where PPO begins
     learning_rate: LearningRate = 1e-3  # while it imitates

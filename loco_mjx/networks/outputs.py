@@ -17,7 +17,7 @@ from loco_mjx.networks.encoders import MLP, Head
 Observation = Mapping[str, jax.Array]
 Params = Any
 STATE, DEPTH, PRIVILEGED = "state", "pixels/depth", "privileged"
-LOG_STD_RANGE = (-5.0, 2.0)
+LOG_STD, LOG_STD_RANGE = "log_std", (-5.0, 2.0)  # the parameter's name, and where it is clipped
 MEAN_SCALE, VALUE_SCALE = 0.01, 1.0  # gains of the last layers' initialisation
 
 
@@ -57,7 +57,7 @@ class Gaussian(nn.Module):
         """(..., n) features to mean and log_std, (..., actions) each."""
         mean = Head(self.hidden, self.actions, MEAN_SCALE, name="mean")(features)
         start = nn.initializers.constant(math.log(self.initial_std))
-        log_std = jp.clip(self.param("log_std", start, (self.actions,)), *LOG_STD_RANGE)
+        log_std = jp.clip(self.param(LOG_STD, start, (self.actions,)), *LOG_STD_RANGE)
         return mean, jp.broadcast_to(log_std, mean.shape)
 
 

@@ -232,7 +232,8 @@ class Trainer:
         rate = update_lib.learning_rate(ppo, state.iteration)
         learner = (state.params, state.opt_state)
         learner, metrics = update_lib.update(self.networks, ppo, learner, data, key, rate, axis_name, self.chunk)
-        return learner, metrics | {"learning_rate": rate}
+        params = update_lib.narrowed(learner[0], ppo, self.config.network.initial_std, state.iteration)
+        return (params, learner[1]), metrics | {"learning_rate": rate}
 
 
 def _strongly_typed(x: jax.Array) -> jax.Array:

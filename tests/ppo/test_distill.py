@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from loco_mjx import config as config_lib
-from loco_mjx.config import Config, DistillConfig
+from loco_mjx.config import Config, DistillConfig, EnvConfig, RewardConfig
 from loco_mjx.networks.outputs import PRIVILEGED, STATE
 from loco_mjx.networks.policies import make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
@@ -141,6 +141,18 @@ def test_what_a_run_of_this_method_is_made_of():
     assert teacher.policy == "privileged" and teacher.method == "ppo" and not teacher.env.observation.depth.enabled
     assert teacher.ppo.total_steps == config.distill.teacher_ratio * config.ppo.total_steps
     assert teacher.network == dataclasses.replace(config.network, critic="shared", initial_std=1.0)
+    assert teacher.ppo.final_std == 0.3 and teacher.ppo.learning_rate_decay and config.ppo.final_std is None
+    assert teacher.env.reward == dataclasses.replace(config.env.reward, collision=2.0)
+
+
+def test_a_teacher_of_other_values():
+    reward = RewardConfig(collision=0.5)
+    distill = DistillConfig(teacher_std=None, teacher_collision=0.25)
+    config = config_lib.preset("fast")
+    config = dataclasses.replace(config, method="distill", distill=distill, env=EnvConfig(reward=reward))
+    teacher = config_lib.teacher_of(config_lib.with_method(config))
+    assert teacher.env.reward.collision == 0.75
+    assert teacher.ppo.final_std is None and not teacher.ppo.learning_rate_decay
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,8 @@ from loco_mjx.sharding import make_mesh
 from tests.ppo.probes import BrokenProbe, Probe, tiny
 from tests.refusals import refusal
 
+ITERATIONS, STD = 40, 0.2
+
 
 def _mesh(devices):
     return make_mesh(jax.devices()[:devices])
@@ -24,7 +26,7 @@ def _whole_batch(devices):
 
     The probe yields what is not finite: all that is promised below holds nevertheless.
     """
-    config = tiny(minibatch=128, epochs=4, pool_refresh=2)
+    config = tiny(minibatch=128, epochs=4, pool_refresh=2, total_steps=128 * ITERATIONS, final_std=STD)
     return Trainer(config, BrokenProbe(horizon=6, start_spread=4), _mesh(devices))
 
 
@@ -114,7 +116,7 @@ def test_normaliser_takes_in_what_was_collected_after_the_update(two):
 
 
 def test_learns_and_nothing_that_is_not_finite_reaches_the_parameters(two):
-    state, history = _train(two, 40)
+    state, history = _train(two, ITERATIONS)
     assert all(np.isfinite(x).all() for x in jax.tree.leaves((state.params, state.opt_state, state.normalizer)))
     assert all(np.isfinite(x) for metrics in history for x in metrics.values())
     assert all(metrics["nonfinite"] > 10 and metrics["skipped_updates"] == 0 for metrics in history)
@@ -124,6 +126,7 @@ def test_learns_and_nothing_that_is_not_finite_reaches_the_parameters(two):
     obs = {"state": jp.array([[1.0, 0.5], [-1.0, 0.5]])}
     actions, _ = jax.jit(actor.act)(obs)
     assert float(actions[0, 0]) > 0.7 and float(actions[1, 0]) < -0.7
+    assert np.exp(state.params["params"]["policy_head"]["log_std"]) <= STD + 1e-6 < history[0]["policy/std"]
 
 
 def test_stochastic_inference_draws_from_the_gaussian(two):
