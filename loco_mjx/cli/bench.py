@@ -12,7 +12,7 @@ import tyro
 from loco_mjx.cli import words
 from loco_mjx.cli.output import Show, one_object
 from loco_mjx.cli.parse import parse
-from loco_mjx.config.tree import NumEnvs, TotalSteps
+from loco_mjx.config.quantities import NumEnvs, TotalSteps
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import SEED, Range
 from loco_mjx.robots import DEFAULT

@@ -13,7 +13,7 @@ import tyro
 from loco_mjx import imports
 from loco_mjx.cli import words as command_line
 from loco_mjx.cli.parse import parse
-from loco_mjx.config.tree import NumEnvs, TotalSteps
+from loco_mjx.config.quantities import NumEnvs, TotalSteps
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import COUNT, Range
 

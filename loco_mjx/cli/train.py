@@ -18,7 +18,7 @@ from loco_mjx import controllers
 from loco_mjx.cli import words
 from loco_mjx.cli.parse import parse
 from loco_mjx.config import Config, DistillConfig, EnvConfig, NetworkConfig, PPOConfig
-from loco_mjx.config.tree import NumEnvs, TotalSteps
+from loco_mjx.config.quantities import NumEnvs, TotalSteps
 from loco_mjx.errors import UserError
 from loco_mjx.ranges import SEED, Range
 from loco_mjx.robots import DEFAULT, get_robot

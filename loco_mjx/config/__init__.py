@@ -3,18 +3,16 @@
 from loco_mjx.config.checks import check
 from loco_mjx.config.controllers import with_controller
 from loco_mjx.config.keys import flatten, with_keys, with_values
+from loco_mjx.config.learning import DistillConfig, NetworkConfig, PPOConfig
 from loco_mjx.config.methods import teacher_of, with_method
 from loco_mjx.config.presets import PRESETS, preset, with_robot
 from loco_mjx.config.tree import (
     ActionConfig,
     Config,
     DepthConfig,
-    DistillConfig,
     EnvConfig,
-    NetworkConfig,
     ObservationConfig,
     PhysicsConfig,
-    PPOConfig,
     RandomizationConfig,
     RewardConfig,
     TerminationConfig,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
-from loco_mjx.config.tree import Config, NetworkConfig
+from loco_mjx.config.learning import NetworkConfig
+from loco_mjx.config.tree import Config
 
 
 def teacher_of(config: Config) -> Config:

@@ -14,30 +14,25 @@ from typing import Annotated, Literal
 import tyro
 
 from loco_mjx import controllers, sensors
+from loco_mjx.config.learning import DistillConfig, NetworkConfig, PPOConfig
+from loco_mjx.config.quantities import (
+    Angle,
+    Blind,
+    Degrees,
+    Factor,
+    Frames,
+    Kd,
+    Kp,
+    Latency,
+    Mass,
+    Metres,
+    Passes,
+    Pixels,
+    Weight,
+)
 from loco_mjx.config.reward_terms import Weights, default_weights
 from loco_mjx.ranges import SEED, Each, Range
 from loco_mjx.robots import DEFAULT, NJOINT
-
-Share = Annotated[float, Range(0, 1)]
-Weight = Annotated[float, Range(-10_000, 10_000)]  # of a term of the reward or the loss
-Factor = Annotated[float, Range(0, 10)]
-Mass = Annotated[float, Range(0.01, 10)]  # factor; without mass there is no motion to compute
-Kp = Annotated[float, Range(0, 500, above=True)]  # N·m/rad
-Kd = Annotated[float, Range(0, 50)]  # N·m·s/rad
-Degrees = Annotated[float, Range(0, 180, above=True, below=True)]
-Angle = Annotated[float, Range(0, 3.1416)]  # rad
-Latency = Annotated[float, Range(0, 0.04)]  # s; histories hold one control step
-Metres = Annotated[float, Range(0, 1000, above=True)]
-Deviation = Annotated[float, Range(0, 10, above=True)]
-LearningRate = Annotated[float, Range(0, 1, above=True)]
-Blind = Annotated[int, Range(0, 1024 * 1024)]  # pixels
-Pixels = Annotated[int, Range(1, 1024)]
-Frames = Annotated[int, Range(1, 64)]
-Width = Annotated[int, Range(1, 16_384)]  # of a layer
-Passes = Annotated[int, Range(1, 1000)]
-NumEnvs = Annotated[int, Range(1, 2**20)]
-TotalSteps = Annotated[int, Range(1, 2_000_000_000)]
-Samples = Annotated[int, Range(1, 2**26)]  # of a minibatch
 
 
 @dataclass(frozen=True)
@@ -181,73 +176,6 @@ class EnvConfig:
         """Dimension of the policy's action."""
         controller = controllers.get_controller(self.controller)
         return self.action.size if controller.scale is None else controller.size
-
-
-@dataclass(frozen=True)
-class NetworkConfig:
-    """Sizes of the policy networks (paper, appendix B)."""
-
-    token_dim: Width = 128
-    tokens_per_side: Literal[1, 2, 4] = 4  # N: the visual features become N × N tokens
-    layers: Annotated[int, Range(0, 100)] = 2  # transformer encoder layers
-    mlp_dim: Width = 256  # of an encoder layer
-    hidden: tuple[Width, ...] = (256, 256)
-    state_only_hidden: tuple[Width, ...] = (256, 256, 256, 256)
-    initial_std: Deviation = 1.0
-    latent_dim: Width = 4  # hrl: width of the high level's command
-    hold: Passes = 4  # hrl: control steps for which a command is held; divides ppo.unroll
-    critic: Literal["shared", "privileged"] = "shared"  # privileged: an MLP on `state` and `privileged` is the value
-
-
-@dataclass(frozen=True)
-class PPOConfig:
-    """PPO's hyper-parameters; the defaults are the paper's."""
-
-    num_envs: NumEnvs = 256
-    unroll: Annotated[int, Range(1, 2**16)] = 32  # control steps per environment and iteration
-    minibatch: Samples = 256  # samples
-    epochs: Passes = 3
-    clip: Deviation = 0.2
-    discount: Share = 0.99
-    gae_lambda: Share = 0.95
-    learning_rate: LearningRate = 1e-4
-    learning_rate_decay: bool = True  # linearly to zero over total_steps
-    max_grad_norm: Annotated[float, Range(0, 1e6, above=True)] = 0.5
-    entropy: Weight = 0.005
-    final_std: Deviation | None = None  # exploration's std stays below a limit that falls to this; None: no limit
-    value_loss: Annotated[float, Range(0, 10_000)] = 0.5
-    optimizer: Literal["joint", "separate"] = "joint"  # separate: policy and value have their own clip and Adam
-    reward_scale: Annotated[float, Range(0, 10_000, above=True)] = (
-        1.0  # of the rewards learnt from; those reported are not scaled
-    )
-    total_steps: TotalSteps = 15_000_000  # samples
-    pool_size: Annotated[int, Range(1, 2**20)] = 512  # scenes held ready for resets
-    pool_refresh: Annotated[int, Range(1, 2**30)] = 32  # iterations between new pools
-
-    @property
-    def samples_per_iteration(self) -> int:
-        """Samples collected, and learnt from, in one iteration."""
-        return self.num_envs * self.unroll
-
-    @property
-    def iterations(self) -> int:
-        """Iterations that make up total_steps, rounded up."""
-        return -(-self.total_steps // self.samples_per_iteration)
-
-
-@dataclass(frozen=True)
-class DistillConfig:
-    """Method `distill`: a privileged teacher learns by PPO; the policy imitates it (DAgger), and may go on by PPO."""
-
-    teacher_ratio: Annotated[float, Range(0, 1000, above=True)] = 4.0  # samples of the teacher for each of the policy
-    teacher_std: Deviation | None = 0.3  # its `ppo.final_std`; its learning rate falls to 0 with it
-    teacher_collision: Weight = 2.0  # its reward has this much more of `env.reward.collision`
-    imitation: Share = 1.0  # share of the policy's samples in which it imitates; PPO in the rest
-    std: Deviation = 0.3  # of the policy's exploration while it imitates, and where PPO begins
-    learning_rate: LearningRate = 1e-3  # while it imitates
-    learning_rate_decay: bool = False  # falls linearly to 0 over the imitation
-    minibatch: Samples = 512
-    epochs: Passes = 2
 
 
 @dataclass(frozen=True)

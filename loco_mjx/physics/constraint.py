@@ -14,10 +14,11 @@ import numpy as np
 
 from loco_mjx.physics import block_matrix
 from loco_mjx.physics.block_matrix import BASE, JOINTS, LEGS, DofVector
-from loco_mjx.physics.collision import ContactSlots, Planes
+from loco_mjx.physics.collision import ContactSlots
 from loco_mjx.physics.efc import Constraints
 from loco_mjx.physics.kinematics import Pose, Vector, calf_centers, column, trunk_centers
 from loco_mjx.physics.model import PhysicsModel, SolverParameters
+from loco_mjx.physics.shapes import Planes
 from loco_mjx.physics.spatial import cross
 from loco_mjx.physics.xla import add_up
 from loco_mjx.robots import Robot

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from loco_mjx.config.tree import TotalSteps
+from loco_mjx.config.quantities import TotalSteps
 from loco_mjx.ranges import COUNT, Range
 from loco_mjx.run import retention
 

@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import PhysicsConfig
-from loco_mjx.physics.collision import (
+from loco_mjx.physics.collision import broadphase, narrowphase
+from loco_mjx.physics.kinematics import centers, pose
+from loco_mjx.physics.shapes import (
     Box,
     Cylinder,
     box_distance,
     box_plane,
-    broadphase,
     cylinder_distance,
     cylinder_plane,
     ground_plane,
-    narrowphase,
 )
-from loco_mjx.physics.kinematics import centers, pose
 from loco_mjx.physics.xla import FusionBarrier
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import TASKS
