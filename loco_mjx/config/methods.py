@@ -11,8 +11,7 @@ from loco_mjx.config.tree import Config
 def teacher_of(config: Config) -> Config:
     """The configuration of the teacher's run, for a run of method `distill`.
 
-    What is imitated is its mean, by which a teacher that explores widely hardly ever acts: so its exploration narrows,
-    and its learning rate falls, as the same step changes a narrow Gaussian by more.
+    Where its exploration narrows, its learning rate falls: the same step changes a narrow Gaussian by more.
     """
     distill = config.distill
     depth = dataclasses.replace(config.env.observation.depth, enabled=False)

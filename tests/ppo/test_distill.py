@@ -141,18 +141,18 @@ def test_what_a_run_of_this_method_is_made_of():
     assert teacher.policy == "privileged" and teacher.method == "ppo" and not teacher.env.observation.depth.enabled
     assert teacher.ppo.total_steps == config.distill.teacher_ratio * config.ppo.total_steps
     assert teacher.network == dataclasses.replace(config.network, critic="shared", initial_std=1.0)
-    assert teacher.ppo.final_std == 0.3 and teacher.ppo.learning_rate_decay and config.ppo.final_std is None
+    assert teacher.ppo.final_std is None and teacher.ppo.learning_rate_decay == config.ppo.learning_rate_decay
     assert teacher.env.reward == dataclasses.replace(config.env.reward, collision=2.0)
 
 
 def test_a_teacher_of_other_values():
     reward = RewardConfig(collision=0.5)
-    distill = DistillConfig(teacher_std=None, teacher_collision=0.25)
+    distill = DistillConfig(teacher_std=0.3, teacher_collision=0.25)
     config = config_lib.preset("fast")
     config = dataclasses.replace(config, method="distill", distill=distill, env=EnvConfig(reward=reward))
     teacher = config_lib.teacher_of(config_lib.with_method(config))
     assert teacher.env.reward.collision == 0.75
-    assert teacher.ppo.final_std is None and not teacher.ppo.learning_rate_decay
+    assert teacher.ppo.final_std == 0.3 and teacher.ppo.learning_rate_decay and not config.ppo.learning_rate_decay
 
 
 @pytest.mark.parametrize(
