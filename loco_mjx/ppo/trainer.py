@@ -21,6 +21,7 @@ from loco_mjx.env.state import State
 from loco_mjx.errors import UserError
 from loco_mjx.networks.outputs import DEPTH, PRIVILEGED, Params
 from loco_mjx.networks.policies import make_networks
+from loco_mjx.ppo import annealing
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo import rollout as collect_lib
 from loco_mjx.ppo import update as update_lib
@@ -229,10 +230,10 @@ class Trainer:
     ) -> tuple[tuple[Params, optax.OptState], Metrics]:
         """New parameters and optimiser's state from this device's experience, and a dict of scalars."""
         ppo = self.config.ppo
-        rate = update_lib.learning_rate(ppo, state.iteration)
+        rate = annealing.learning_rate(ppo, state.iteration)
         learner = (state.params, state.opt_state)
         learner, metrics = update_lib.update(self.networks, ppo, learner, data, key, rate, axis_name, self.chunk)
-        params = update_lib.narrowed(learner[0], ppo, self.config.network.initial_std, state.iteration)
+        params = annealing.narrowed(learner[0], ppo, self.config.network.initial_std, state.iteration)
         return (params, learner[1]), metrics | {"learning_rate": rate}
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -13,7 +12,7 @@ import optax
 from flax import struct
 
 from loco_mjx.config import PPOConfig
-from loco_mjx.networks.outputs import DEPTH, LOG_STD, PRIVILEGED, STATE, Outputs, Params
+from loco_mjx.networks.outputs import DEPTH, PRIVILEGED, STATE, Outputs, Params
 from loco_mjx.networks.policies import Networks
 from loco_mjx.ppo import frame_stack, gae
 from loco_mjx.ppo import loss as loss_lib
@@ -104,27 +103,6 @@ def make_optimizer(config: PPOConfig) -> optax.GradientTransformation:
         return changes, {name: after for name, (_, after) in done.items()}
 
     return optax.GradientTransformation(init, step)
-
-
-def learning_rate(config: PPOConfig, iteration: jax.Array) -> jax.Array:
-    """() rate of an iteration: constant, or falling linearly to 0 over `total_steps`."""
-    rate = jp.asarray(config.learning_rate, jp.float32)
-    if not config.learning_rate_decay:
-        return rate
-    return rate * jp.maximum(1.0 - iteration.astype(jp.float32) / config.iterations, 0.0)
-
-
-def narrowed(params: Params, config: PPOConfig, initial_std: float, iteration: jax.Array) -> Params:
-    """Parameters after an iteration, their log standard deviation at most the limit.
-
-    The limit falls geometrically from `initial_std` to `final_std` over `total_steps`.
-    """
-    if config.final_std is None:
-        return params
-    done = jp.minimum((iteration.astype(jp.float32) + 1.0) / config.iterations, 1.0)
-    limit = (1.0 - done) * math.log(initial_std) + done * math.log(config.final_std)
-    lower = lambda path, leaf: jp.minimum(leaf, limit) if path[-1].key == LOG_STD else leaf  # noqa: E731
-    return jax.tree_util.tree_map_with_path(lower, params)
 
 
 def minibatches(key: jax.Array, samples: int, config: PPOConfig) -> jax.Array:

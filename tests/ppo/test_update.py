@@ -177,28 +177,6 @@ def test_skipped_updates_are_counted_and_stay_out_of_the_means(learned, key):
     assert float(_update(learned, rollout, key)[1]["skipped_updates"]) == 0
 
 
-def test_learning_rate():
-    config = PPOConfig(num_envs=2, unroll=5, total_steps=100, learning_rate=1e-3)
-    assert config.iterations == 10
-    rates = [float(lib.learning_rate(config, jp.array(i))) for i in (0, 5, 10, 11)]
-    np.testing.assert_allclose(rates, [1e-3, 5e-4, 0, 0], atol=1e-10)
-    constant = dataclasses.replace(config, learning_rate_decay=False)
-    np.testing.assert_allclose(lib.learning_rate(constant, jp.array(5)), 1e-3)
-
-
-def test_a_standard_deviation_narrows_geometrically_and_nothing_else_does():
-    config = PPOConfig(num_envs=2, unroll=5, total_steps=100, final_std=0.01)  # 10 iterations
-    params = {"params": {"policy_head": {"log_std": jp.log(jp.array([1.0, 0.05])), "bias": jp.array([7.0])}}}
-    for iteration, wide, narrow in ((0, 0.01**0.1, 0.05), (4, 0.1, 0.05), (9, 0.01, 0.01), (30, 0.01, 0.01)):
-        head = lib.narrowed(params, config, 1.0, jp.array(iteration))["params"]["policy_head"]
-        np.testing.assert_allclose(jp.exp(head["log_std"]), [wide, narrow], rtol=1e-5)
-        assert head["bias"] == 7.0
-    from_less = lib.narrowed(params, config, 0.1, jp.array(4))["params"]["policy_head"]["log_std"]
-    np.testing.assert_allclose(jp.exp(from_less), [0.1**0.5 * 0.01**0.5, 0.01**0.5 * 0.1**0.5], rtol=1e-5)
-    without = dataclasses.replace(config, final_std=None)
-    assert lib.narrowed(params, without, 1.0, jp.array(30)) is params
-
-
 def test_explained_variance():
     rollout = _rollout()
     target = (_data(rollout).advantage + rollout.value[:-1]) * (1 - rollout.reset)

@@ -1,0 +1,32 @@
+"""What changes over the length of a run: the learning rate, and how widely a policy explores."""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jp
+
+from loco_mjx.config import PPOConfig
+from loco_mjx.networks.outputs import LOG_STD, Params
+
+
+def learning_rate(config: PPOConfig, iteration: jax.Array) -> jax.Array:
+    """() rate of an iteration: constant, or falling linearly to 0 over `total_steps`."""
+    rate = jp.asarray(config.learning_rate, jp.float32)
+    if not config.learning_rate_decay:
+        return rate
+    return rate * jp.maximum(1.0 - iteration.astype(jp.float32) / config.iterations, 0.0)
+
+
+def narrowed(params: Params, config: PPOConfig, initial_std: float, iteration: jax.Array) -> Params:
+    """Parameters after an iteration, their log standard deviation at most the limit.
+
+    The limit falls geometrically from `initial_std` to `final_std` over `total_steps`.
+    """
+    if config.final_std is None:
+        return params
+    done = jp.minimum((iteration.astype(jp.float32) + 1.0) / config.iterations, 1.0)
+    limit = (1.0 - done) * math.log(initial_std) + done * math.log(config.final_std)
+    lower = lambda path, leaf: jp.minimum(leaf, limit) if path[-1].key == LOG_STD else leaf  # noqa: E731
+    return jax.tree_util.tree_map_with_path(lower, params)
