@@ -56,7 +56,7 @@ RUNS += tuple(Run("thin", seed, samples=376_832) for seed in (0, 1, 2))
 RUNS += (Run("thin", 0, samples=376_832, free=True),)
 RUNS += tuple(Run("mountain", seed, samples=PIXELS, method="ppo") for seed in (0, 1, 2))
 RUNS += (Run("mountain", 0, "state-only"),)
-RUNS += tuple(Run(task, 0) for task in ("wide", "thin-sphere", "wide-sphere", "moving"))
+RUNS += tuple(Run(task, 0, samples=376_832) for task in ("moving", "wide", "thin-sphere", "wide-sphere"))
 
 
 def train(run: Run, directory: Path) -> None:
