@@ -108,6 +108,7 @@ def compare(name: str, policy: Path, tasks: list[str], episodes: int) -> None:
     training = manifest.raw["training"]
     about = {"name": name, "policy": manifest.policy, "controller": manifest.controller.name}
     about |= {"trained_on": training["task"], "samples": training["samples"], "seconds": SECONDS, "apart": APART}
+    about["sha256"] = manifest.raw["files"][folder.ONNX]["sha256"]
     for task in tasks:
         path = RESULTS / "compare" / f"{name}-{task}.json"
         if path.exists() and json.loads(path.read_text()) | about == json.loads(path.read_text()):
