@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jp
@@ -20,7 +21,7 @@ def learning_rate(config: PPOConfig, iteration: jax.Array) -> jax.Array:
 
 
 def narrowed(params: Params, config: PPOConfig, initial_std: float, iteration: jax.Array) -> Params:
-    """Parameters after an iteration, their log standard deviation at most the limit.
+    """Parameters after an iteration, their log standard deviation (every `log_std` in the tree) at most the limit.
 
     The limit falls geometrically from `initial_std` to `final_std` over `total_steps`.
     """
@@ -28,5 +29,8 @@ def narrowed(params: Params, config: PPOConfig, initial_std: float, iteration: j
         return params
     done = jp.minimum((iteration.astype(jp.float32) + 1.0) / config.iterations, 1.0)
     limit = (1.0 - done) * math.log(initial_std) + done * math.log(config.final_std)
-    lower = lambda path, leaf: jp.minimum(leaf, limit) if path[-1].key == LOG_STD else leaf  # noqa: E731
+
+    def lower(path: tuple[Any, ...], leaf: jax.Array) -> jax.Array:
+        return jp.minimum(leaf, limit) if getattr(path[-1], "key", None) == LOG_STD else leaf
+
     return jax.tree_util.tree_map_with_path(lower, params)
