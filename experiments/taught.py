@@ -31,7 +31,7 @@ class Run:
         policy: to train.
         samples: of it; its teacher has four times as many. None: the default.
         method: distill, or ppo, which is the paper's.
-        free: whether collisions cost the teacher nothing, as they once did not.
+        free: whether collisions cost the teacher nothing.
     """
 
     task: str

@@ -22,6 +22,7 @@ class Compilation:
     """Compiles quickly, or as users do, in this process and in those that it starts."""
 
     def __init__(self) -> None:
+        self._asked: bool | None = None
         self._quickly, self._flags = False, os.environ.get("XLA_FLAGS", "")
         compiler.get_compile_options = self._with_options(compiler.get_compile_options)
 
@@ -29,9 +30,9 @@ class Compilation:
         """Says how from now on."""
         more = " ".join(f"--{name}={str(value).lower()}" for name, value in _OPTIONS.items())
         known = self._known  # asked before anything is set: by then this process has read its flags
-        if self._quickly != (quickly and known):
+        if self._asked != quickly:
             jax.clear_caches()  # of programs that were compiled the other way
-        self._quickly = quickly and known
+        self._asked, self._quickly = quickly, quickly and known
         jax.config.update("jax_disable_most_optimizations", quickly)
         os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(quickly))
         os.environ["XLA_FLAGS"] = f"{self._flags} {more}".strip() if self._quickly else self._flags

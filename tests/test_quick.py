@@ -1,7 +1,6 @@
-"""What C MuJoCo checks is compiled as for users, everything else quickly; the marker `optimized` says which."""
+"""Physics and depth are compared with C MuJoCo as users compile them; everything else is compiled quickly."""
 
 import os
-from pathlib import Path
 
 import jax
 import jax.numpy as jp
@@ -9,7 +8,9 @@ import numpy as np
 import pytest
 from jax._src import compiler
 
+from loco_mjx.scene.tasks import TASKS
 from tests import conftest, quick
+from tests.oracle import test_depth_c_mujoco, test_physics_c_mujoco
 
 
 @pytest.fixture
@@ -41,9 +42,10 @@ def test_without_it_they_are_compiled_quickly():
 
 
 def test_physics_and_depth_are_compared_with_c_mujoco_as_users_compile_them():
-    oracle = Path(conftest.__file__).parent / "oracle"
-    for file in ("test_physics_c_mujoco.py", "test_depth_c_mujoco.py"):
-        assert "pytest.mark.optimized" in (oracle / file).read_text(), file
+    assert test_physics_c_mujoco.pytestmark.name == "optimized"
+    marks = {task.values[0]: {mark.name for mark in task.marks} for task in test_depth_c_mujoco.EVERY_TASK}
+    assert set(marks) == set(TASKS)
+    assert {task for task, names in marks.items() if names} == {"thin-sphere", "indoor", "mountain", "forest"}
 
 
 def test_a_program_is_compiled_again_when_it_is_to_be_compiled_otherwise(compilation):

@@ -191,7 +191,8 @@ def read(args: Sequence[str]) -> Options:
     robot = named.get("--robot", named.get("--env.robot", DEFAULT))
     controller = named.get("--controller", named.get("--env.controller", controllers.DEFAULT))
     base = config_lib.preset(default.preset, robot, controller)
-    default = dataclasses.replace(default, env=base.env, network=base.network, ppo=base.ppo)
+    given = {group: getattr(base, group) for group in KEYS}
+    default = dataclasses.replace(default, **given)
     options = parse(Options, args, PROG, default, names=("tasks", "robots", "policies", "presets"), keys=KEYS)
     _check_short_forms(options, args)
     return options

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from loco_mjx import ranges
+from loco_mjx.config.learning import NetworkConfig
 from loco_mjx.config.methods import teacher_of
 from loco_mjx.config.tree import Config, EnvConfig
 from loco_mjx.controllers import get_controller
@@ -41,6 +42,7 @@ def check(config: Config, num_devices: int = 1) -> None:
             f"{ppo.iterations * ppo.samples_per_iteration}; accepted: {MOST_SAMPLES} or less"
         )
     _check_order(config)
+    _check_narrowing("ppo.final_std", ppo.final_std, config.network.initial_std)
     if config.method == "distill":
         _check_distill(config, num_devices)
 
@@ -65,11 +67,23 @@ def _check_distill(config: Config, num_devices: int) -> None:
             f"distill.teacher_ratio {distill.teacher_ratio} of ppo.total_steps {config.ppo.total_steps} are "
             f"{teacher.total_steps} samples; accepted: {MOST_SAMPLES} or less"
         )
+    if config.ppo.final_std is not None:
+        raise UserError(
+            f"ppo.final_std is {config.ppo.final_std}, but while a policy imitates it explores by distill.std; "
+            "accepted: None, and distill.teacher_std for its teacher"
+        )
+    _check_narrowing("distill.teacher_std", distill.teacher_std, NetworkConfig.initial_std)
     if samples % distill.minibatch or distill.minibatch % num_devices:
         raise UserError(
             f"distill.minibatch {distill.minibatch} does not divide the {samples} samples of an iteration, or not over "
             f"{num_devices} devices; accepted: a divisor of the one and a multiple of the other"
         )
+
+
+def _check_narrowing(name: str, final: float | None, initial: float) -> None:
+    """Checks that exploration does not end wider than it begins."""
+    if final is not None and final > initial:
+        raise UserError(f"{name} {final} is wider than {initial}, where exploration begins; accepted: that or less")
 
 
 def _check_order(config: Config) -> None:

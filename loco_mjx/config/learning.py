@@ -77,7 +77,7 @@ class DistillConfig:
 
     teacher_ratio: Annotated[float, Range(0, 1000, above=True)] = 4.0  # samples of the teacher for each of the policy
     teacher_std: Deviation | None = None  # its `ppo.final_std`, if any; its learning rate then falls to 0 with it
-    teacher_collision: Weight = 2.0  # its reward has this much more of `env.reward.collision`
+    teacher_collision: Weight = 0.0  # its reward has this much more of `env.reward.collision`
     imitation: Share = 1.0  # share of the policy's samples in which it imitates; PPO in the rest
     std: Deviation = 0.3  # of the policy's exploration while it imitates, and where PPO begins
     learning_rate: LearningRate = 1e-3  # while it imitates

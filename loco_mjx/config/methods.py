@@ -20,9 +20,9 @@ def teacher_of(config: Config) -> Config:
     env = dataclasses.replace(config.env, observation=observation, reward=reward)
     total = round(distill.teacher_ratio * config.ppo.total_steps)
     network = dataclasses.replace(config.network, critic="shared", initial_std=NetworkConfig.initial_std)
-    ppo = dataclasses.replace(config.ppo, total_steps=total, optimizer="joint")
+    ppo = dataclasses.replace(config.ppo, total_steps=total, optimizer="joint", final_std=distill.teacher_std)
     if distill.teacher_std is not None:
-        ppo = dataclasses.replace(ppo, final_std=distill.teacher_std, learning_rate_decay=True)
+        ppo = dataclasses.replace(ppo, learning_rate_decay=True)
     return Config(policy="privileged", seed=config.seed, env=env, network=network, ppo=ppo)
 
 

@@ -121,12 +121,14 @@ def reconcile(directory: Path, found: Config, wanted: Config) -> None:
         UserError: naming the first key that differs, with both values.
     """
     flat_found, flat_wanted = compared(found), compared(wanted)
-    decays = found.ppo.learning_rate_decay or (found.method == "distill" and found.distill.learning_rate_decay)
+    rates = found.ppo.learning_rate_decay, found.method == "distill" and found.distill.learning_rate_decay
+    changing = {"learning rate decays": any(rates), "exploration narrows": found.ppo.final_std is not None}
+    changes = " and ".join(name for name, does in changing.items() if does)
     for key in {**flat_found, **flat_wanted}:
         value, asked = (flat.get(key, ABSENT) for flat in (flat_found, flat_wanted))
-        if value == asked or (key == EXTENDABLE and not decays):
+        if value == asked or (key == EXTENDABLE and not changes):
             continue
-        why = " (its learning rate decays over them)" if key == EXTENDABLE else ""
+        why = f" (its {changes} over them)" if key == EXTENDABLE else ""
         raise UserError(
             f"{directory} holds another run: its {key} is {json.dumps(value)}{why}, asked for "
             f"{json.dumps(asked)}; use the same options to resume it, or another --out"

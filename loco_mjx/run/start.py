@@ -61,10 +61,13 @@ def teach(
     """
     place = run.directory / directory.TEACHER
     found = directory.find(place)
-    # One that is there was trained for as long as was asked for then.
-    config = teacher_of(run.config) if found is None else found
-    if found is not None and finished(place, config):
-        return None
+    config = teacher_of(run.config)
+    if found is not None:  # it is trained for as long as was asked for when it began
+        ppo = dataclasses.replace(config.ppo, total_steps=found.ppo.total_steps)
+        config = dataclasses.replace(config, ppo=ppo)
+        directory.reconcile(place, found, config)
+        if finished(place, config):
+            return None
     console.print(f"first a teacher that sees what only a simulator knows, in {place}", soft_wrap=True)
     outcome = train([Run(config, place)], options, console, command, evaluators)
     return None if outcome.signal is None else outcome

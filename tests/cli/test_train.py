@@ -264,6 +264,13 @@ def test_a_teacher_is_trained_first_and_its_run_is_where_the_policys_is(monkeypa
     assert main(command) == 0 and len(built) == 2
     assert says(capsys.readouterr().out, "finished")
     assert main([*command[:-2], "--seeds", "0-1"]) == 2
+    # Where only the teacher is there, it is taken for the teacher of a longer run, and not for another.
+    shutil.copytree(place, "other/teacher")
+    capsys.readouterr()
+    assert main([*command[:-1], "other", "--distill.teacher-collision", "1"]) == 2
+    assert says(capsys.readouterr().err, "other/teacher env.reward.collision 0.0 1.0")
+    longer = ["224" if word == "192" else word for word in command[:-1]]
+    assert main([*longer, "other"]) == 0 and len(built) == 3
 
 
 def test_the_preset_gives_the_defaults_and_options_override_it():

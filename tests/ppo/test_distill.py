@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import Path
 
 import jax
 import jax.numpy as jp
@@ -17,10 +18,12 @@ from loco_mjx.networks.policies import make_networks
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo.distill import DistillTrainer, Teacher
 from loco_mjx.ppo.trainer import Trainer
+from loco_mjx.run import directory
 from loco_mjx.sharding import make_mesh
 from tests.ppo.probes import SignProbe, tiny
 from tests.refusals import refusal
 
+ROOT = Path(__file__).parents[2]
 IMITATIONS, ITERATIONS = 24, 26
 
 
@@ -142,14 +145,14 @@ def test_what_a_run_of_this_method_is_made_of():
     assert teacher.ppo.total_steps == config.distill.teacher_ratio * config.ppo.total_steps
     assert teacher.network == dataclasses.replace(config.network, critic="shared", initial_std=1.0)
     assert teacher.ppo.final_std is None and teacher.ppo.learning_rate_decay == config.ppo.learning_rate_decay
-    assert teacher.env.reward == dataclasses.replace(config.env.reward, collision=2.0)
+    assert teacher.env.reward == config.env.reward
 
 
 def test_a_teacher_of_other_values():
-    reward = RewardConfig(collision=0.5)
+    config = dataclasses.replace(config_lib.preset("fast"), method="distill")
+    assert config_lib.teacher_of(config).env.reward == dataclasses.replace(config.env.reward, collision=2.0)
     distill = DistillConfig(teacher_std=0.3, teacher_collision=0.25)
-    config = config_lib.preset("fast")
-    config = dataclasses.replace(config, method="distill", distill=distill, env=EnvConfig(reward=reward))
+    config = dataclasses.replace(config, distill=distill, env=EnvConfig(reward=RewardConfig(collision=0.5)))
     teacher = config_lib.teacher_of(config_lib.with_method(config))
     assert teacher.env.reward.collision == 0.75
     assert teacher.ppo.final_std == 0.3 and teacher.ppo.learning_rate_decay and not config.ppo.learning_rate_decay
@@ -157,12 +160,30 @@ def test_a_teacher_of_other_values():
 
 @pytest.mark.parametrize(
     ("values", "complaint"),
-    [({"imitation": 1.5}, "distill.imitation 1.5 0 1"), ({"minibatch": 48}, "distill.minibatch 48")],
+    [
+        ({"imitation": 1.5}, "distill.imitation 1.5 0 1"),
+        ({"minibatch": 48}, "distill.minibatch 48"),
+        ({"teacher_std": 1.5}, "distill.teacher_std 1.5 1.0"),
+    ],
 )
 def test_values_that_do_not_fit_are_refused(values, complaint):
     config = dataclasses.replace(_config(), distill=dataclasses.replace(_config().distill, **values))
     with refusal(complaint):
         config_lib.check(config)
+
+
+def test_exploration_that_is_not_the_policys_own_or_that_widens_is_refused():
+    config = _config()
+    with refusal("ppo.final_std 0.1 distill.teacher_std"):
+        config_lib.check(dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, final_std=0.1)))
+    with refusal("ppo.final_std 1.5 1.0"):
+        config_lib.check(dataclasses.replace(Config(), ppo=dataclasses.replace(Config().ppo, final_std=1.5)))
+
+
+def test_a_run_of_before_teachers_paid_for_collisions_is_read_as_it_was():
+    before = directory.load_config(ROOT / "experiments/results/cpu/taught/thin-free-seed0")
+    assert before.method == "distill" and before.distill.teacher_collision == 0.0
+    assert config_lib.preset("fast").distill.teacher_collision > 0
 
 
 def test_whoever_needs_privileged_observations_says_so():

@@ -57,12 +57,13 @@ def test_the_first_difference_is_named_with_both_values(tmp_path):
         directory.reconcile(tmp_path, config, other)
 
 
-def test_a_run_may_be_extended_unless_its_learning_rate_decays(tmp_path):
+@pytest.mark.parametrize(
+    ("changing", "said"), [({"learning_rate_decay": True}, "decays"), ({"final_std": 0.3}, "narrows")]
+)
+def test_a_run_may_be_extended_unless_something_changes_over_its_length(tmp_path, changing, said):
     directory.reconcile(tmp_path, tiny_config(6), tiny_config(7))
-    with refusal("ppo.total_steps 192 224 decays"):
-        directory.reconcile(
-            tmp_path, tiny_config(6, learning_rate_decay=True), tiny_config(7, learning_rate_decay=True)
-        )
+    with refusal(f"ppo.total_steps 192 224 {said}"):
+        directory.reconcile(tmp_path, tiny_config(6, **changing), tiny_config(7, **changing))
 
 
 @pytest.mark.parametrize("content", ["", '{"policy": "state-', "[]", '{"policy": "state-only", "x": 1}', '{"env": 3}'])
