@@ -54,7 +54,24 @@ def test_what_is_said_of_teaching_is_what_came_of_it():
     for path in (committed.RESULTS / "taught").glob("mountain-seed*"):
         parts = [committed.rows(path / name)[-1]["step"] for name in ("metrics.csv", "teacher-metrics.csv")]
         assert sum(parts) <= 3.05e6
-    assert "farther on `mountain` after 3 million samples" in text("README.md")
+    for path in (committed.RESULTS / "taught").glob("thin-seed*"):
+        metrics = json.loads((path / "evaluation-wide.json").read_text())["metrics"]
+        assert metrics["distance_16s"]["mean"] > _printed(paper.DISTANCE)
+        assert metrics["collisions_16s"]["mean"] < _printed(paper.COLLISIONS)
+        parts = [committed.rows(path / name)[-1]["step"] for name in ("metrics.csv", "teacher-metrics.csv")]
+        assert sum(parts) <= 2e6
+    said = (
+        "15 million samples: on `mountain` after 3 million, its teacher's included, and on `wide`, which it has never"
+    )
+    assert f"{said} seen, after 2 million on `thin`, with fewer collisions" in text("README.md")
+
+
+def _printed(metric):
+    """The paper's figure of LocoTransformer, trained on thin obstacles, on wide ones."""
+    table = paper.GENERALIZATION
+    (row,) = (row for row in table.rows if row.variant.policy == "loco-transformer")
+    where = [(column.trained_on, column.evaluated_on, column.metric) for column in table.columns]
+    return row.values[where.index(("thin", "wide", metric))][0]
 
 
 def test_reliability_is_what_the_campaign_of_faults_found():
