@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any, Protocol, TypeVar
 
 from loco_mjx.compare.markup import mean_and_std
 from loco_mjx.evaluation.display import NOTHING
@@ -15,10 +18,52 @@ BESIDE_WORDS = ("speed", "collisions per m", "distance, first 16 s", "collisions
 RESULTS = Path(__file__).parent / "results" / "cpu"
 
 
+class Named(Protocol):
+    """What has a name."""
+
+    @property
+    def name(self) -> str:
+        """By which the command line knows it."""
+
+
+T = TypeVar("T", bound=Named)
+
+
 def rows(path: Path) -> list[dict[str, float]]:
     """A metrics.csv as numbers; empty cells are left out."""
     with path.open() as file:
         return [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
+
+
+def keep(run: Path, target: Path, results: Mapping[str, Any] | None = None) -> None:
+    """Copies curves, configuration and provenance of a run into the results, without paths of the machine it ran on.
+
+    Args:
+        run: directory of the run.
+        target: where to; made if need be.
+        results: what else is kept, each as a JSON file of that name.
+    """
+    target.mkdir(parents=True, exist_ok=True)
+    for name in ("metrics.csv", "config.json"):
+        shutil.copyfile(run / name, target / name)
+    info = json.loads((run / "info.json").read_text())
+    for start in (info, *info.get("resumed", [])):
+        start["command"][start["command"].index("--out") + 1] = target.name
+    for name, content in ({"info": info} | dict(results or {})).items():
+        (target / f"{name}.json").write_text(json.dumps(content, indent=1) + "\n")
+
+
+def chosen(names: list[str], known: Iterable[T]) -> list[T]:
+    """Those of some things that are named, in their own order.
+
+    Raises:
+        SystemExit: on a name that none has.
+    """
+    found = {thing.name: thing for thing in known}
+    for name in names:
+        if name not in found:
+            raise SystemExit(f"unknown name '{name}'; accepted: {', '.join(found)}")
+    return [thing for name, thing in found.items() if name in names]
 
 
 def runs() -> dict[str, Path]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import subprocess
 import sys
 import time
@@ -18,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments import committed
 from loco_mjx import policies
 from loco_mjx.cli.deploy import PATIENCE, generated
 from loco_mjx.deploy import folder
@@ -28,7 +28,7 @@ from loco_mjx.deploy.session import Session
 from loco_mjx.robots import get_robot
 from loco_mjx.simcheck.sides import WatchedRobot
 
-RESULTS = Path(__file__).parent / "results" / "cpu" / "high_level"
+RESULTS = committed.RESULTS / "high_level"
 TASK, SEED, SAMPLES = "thin", 0, 1_000_000
 POLICIES = ("loco-transformer", "state-depth-concat", "depth-only", "visual-cnn")
 END_TO_END = "thin"  # the shipped policy
@@ -45,18 +45,6 @@ def train(policy: str, samples: int, directory: Path) -> None:
     done = subprocess.run([*PROGRAM, "train", *command])
     if done.returncode:  # stopped, or refused, which it has said
         raise SystemExit(done.returncode)
-
-
-def keep(policy: str, directory: Path) -> None:
-    """Copies what the documents need of a run into the results."""
-    target = RESULTS / "runs" / f"{policy}-seed{SEED}"
-    target.mkdir(parents=True, exist_ok=True)
-    for name in ("metrics.csv", "config.json"):
-        shutil.copyfile(directory / name, target / name)
-    info = json.loads((directory / "info.json").read_text())
-    for start in (info, *info.get("resumed", [])):
-        start["command"][start["command"].index("--out") + 1] = target.name  # not a path of the machine it ran on
-    (target / "info.json").write_text(json.dumps(info, indent=1) + "\n")
 
 
 class Counting(WatchedRobot):
@@ -142,7 +130,7 @@ def main() -> None:
     parts, names = options.parts or ["train", "compare"], options.policies.split(",")
     for policy in names if "train" in parts else []:
         train(policy, options.samples, options.runs / policy)
-        keep(policy, options.runs / policy)
+        committed.keep(options.runs / policy, RESULTS / "runs" / f"{policy}-seed{SEED}")
     if "compare" in parts:
         own = policies.find(options.end_to_end)
         if not (own / folder.MANIFEST).is_file():

@@ -6,14 +6,14 @@ Every run resumes, so the command can be typed again. Results go to ``experiment
 from __future__ import annotations
 
 import argparse
-import json
-import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-RESULTS = Path(__file__).parent / "results" / "cpu" / "learning"
+from experiments import committed
+
+RESULTS = committed.RESULTS / "learning"
 EPISODES = 64
 SAMPLES, MORE = 1_024_000, 2_048_000
 
@@ -91,17 +91,7 @@ def keep(run: Run, directory: Path) -> None:
     """Evaluates a run, and copies what the documents need into the results."""
     results = {"evaluation": evaluate(directory, run.task) | {"standing_still": standing_still(directory)}}
     results |= {f"evaluation-{task}": evaluate(directory, task) for task in run.elsewhere}
-    target = RESULTS / run.name
-    target.mkdir(parents=True, exist_ok=True)
-    for name in ("metrics.csv", "config.json"):
-        shutil.copyfile(directory / name, target / name)
-    info = json.loads((directory / "info.json").read_text())
-    for start in (info, *info.get("resumed", [])):
-        command = start["command"]
-        command[command.index("--out") + 1] = run.name  # not a path of the machine it ran on
-    (target / "info.json").write_text(json.dumps(info, indent=1) + "\n")
-    for name, result in results.items():
-        (target / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+    committed.keep(directory, RESULTS / run.name, results)
 
 
 def main() -> None:
@@ -113,7 +103,7 @@ def main() -> None:
     options = parser.parse_args()
     from loco_mjx.run import machine
 
-    chosen = [run for run in RUNS if run.name in options.names]
+    chosen = committed.chosen(options.names, RUNS)
     for run in chosen:
         if not options.keep_only:
             train(run, options.runs / run.name)

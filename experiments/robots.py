@@ -7,13 +7,13 @@ A blind policy on `thin` for each; every run resumes, so the command can be type
 from __future__ import annotations
 
 import argparse
-import json
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-RESULTS = Path(__file__).parent / "results" / "cpu" / "robots"
+from experiments import committed
+
+RESULTS = committed.RESULTS / "robots"
 TASK, POLICY, SAMPLES = "thin", "state-only", 655_360
 EPISODES, SEED = 64, 7  # of the evaluation
 ROBOTS = ("go1", "go2")
@@ -32,15 +32,7 @@ def keep(robot: str, directory: Path) -> None:
 
     result = report.evaluate(directory, episodes=EPISODES, seed=SEED)
     result.pop("run", None)  # a path of the machine it ran on
-    target = RESULTS / f"{robot}-{TASK}-{POLICY}-seed0"
-    target.mkdir(parents=True, exist_ok=True)
-    for name in ("metrics.csv", "config.json"):
-        shutil.copyfile(directory / name, target / name)
-    info = json.loads((directory / "info.json").read_text())
-    for start in (info, *info.get("resumed", [])):
-        start["command"][start["command"].index("--out") + 1] = target.name  # likewise
-    for name, content in (("evaluation", result), ("info", info)):
-        (target / f"{name}.json").write_text(json.dumps(content, indent=1) + "\n")
+    committed.keep(directory, RESULTS / f"{robot}-{TASK}-{POLICY}-seed0", {"evaluation": result})
     figures = result["metrics"]["distance"]
     print(f"{robot}: {figures['mean']:.2f} ± {figures['std']:.2f} m")
 

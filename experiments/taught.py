@@ -7,17 +7,17 @@ alone; every run resumes, so the command can be typed again. Results go to ``exp
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from experiments import committed
 from experiments.learning import evaluate
 
 SEEING = "loco-transformer"
-RESULTS = Path(__file__).parent / "results" / "cpu" / "taught"
+RESULTS = committed.RESULTS / "taught"
 ELSEWHERE = {"mountain": (), "thin": ("wide",), "wide": ("thin",), "thin-sphere": (), "wide-sphere": (), "moving": ()}
 
 
@@ -71,17 +71,9 @@ def keep(run: Run, directory: Path) -> None:
     """Evaluates a run, and copies what the documents need into the results."""
     tasks = (*ELSEWHERE[run.task], run.task)  # its own last: what `experiments.ship` takes
     results = {f"evaluation-{task}": evaluate(directory, task) for task in tasks}
-    target = RESULTS / run.name
-    target.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(directory / "config.json", target / "config.json")
-    shutil.copyfile(directory / "metrics.csv", target / "metrics.csv")
+    committed.keep(directory, RESULTS / run.name, results)
     if run.method == "distill":
-        shutil.copyfile(directory / "teacher" / "metrics.csv", target / "teacher-metrics.csv")
-    info = json.loads((directory / "info.json").read_text())
-    for start in (info, *info.get("resumed", [])):
-        start["command"][start["command"].index("--out") + 1] = run.name  # not a path of the machine it ran on
-    for name, result in (results | {"info": info}).items():
-        (target / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+        shutil.copyfile(directory / "teacher" / "metrics.csv", RESULTS / run.name / "teacher-metrics.csv")
 
 
 def main() -> None:
@@ -94,7 +86,7 @@ def main() -> None:
     from loco_mjx.run import machine
 
     machine.set_up()
-    for run in [run for run in RUNS if run.name in options.names]:
+    for run in committed.chosen(options.names, RUNS):
         if not options.keep_only:
             train(run, options.runs / run.name)
         keep(run, options.runs / run.name)

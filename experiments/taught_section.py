@@ -15,9 +15,9 @@ TAUGHT = """## Taught, on a CPU
 
 `python -m experiments.taught` trains by `--method distill`: a teacher that sees what only a simulator knows learns by
 PPO, and the policy imitates it from pixels; no PPO of its own. Where the method is `ppo`, the policy learnt from pixels
-alone, on fewer samples, but each costs more. Collisions cost the teacher something but where they are "free": what is
-evaluated, and PPO's reward, is the paper's. Deterministic, {episodes} episodes of {seconds:g} s in
-scenes neither has seen; means over seeds, ± their standard deviation. The paper's figures are by PPO
+alone, on fewer samples, but each costs more. Collisions cost the teacher something, except where they are "free", in a
+run of an earlier version; what is evaluated, and PPO's reward, is the paper's. Deterministic, {episodes} episodes of
+{seconds:g} s in scenes neither has seen; means over seeds, ± their standard deviation. The paper's figures are by PPO
 alone, after 15 million samples, five seeds. "Falls" is the share of episodes that end in one; on `mountain` "distance"
 is, as in the paper, from start to end, so that a robot that runs past the summit and down the other side has the most,
 and "progress" is how much nearer the goal has come.

@@ -7,14 +7,12 @@ resumes. Results go to ``experiments/results/cpu/teachers/``.
 from __future__ import annotations
 
 import argparse
-import json
-import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from experiments.committed import RESULTS, rows
+from experiments.committed import RESULTS, chosen, keep, rows
 from loco_mjx.compare.markup import markdown
 from loco_mjx.evaluation.display import NOTHING
 
@@ -54,7 +52,7 @@ class Teacher:
         """Of the command that trains it."""
         words = ["--task", self.task, "--policy", "privileged", "--seed", "0", "--total-steps", str(self.samples)]
         words += ["--evaluations", "3", "--evaluation-episodes", str(EPISODES)]
-        words += ["--env.reward.collision", str(self.cost)] if self.cost else []
+        words += ["--env.reward.collision", str(self.cost)]
         words += ["--eval-tasks", ELSEWHERE] if self.task == "thin" else []
         narrow = ["--ppo.final-std", str(self.std), "--ppo.learning-rate-decay", "True"]
         return words + (narrow if self.std is not None else [])
@@ -63,18 +61,6 @@ class Teacher:
 EPISODES, ELSEWHERE = 64, "wide"
 TEACHERS = (Teacher("thin", 0.5), Teacher("thin", 1.0), Teacher("thin", 1.0, 0.3))
 TEACHERS += tuple(Teacher("mountain", 0.0, 0.3, samples) for samples in (1_507_328, 2_400_256))
-
-
-def keep(teacher: Teacher, directory: Path) -> None:
-    """Copies what the documents need of a run into the results."""
-    target = KEPT / teacher.name
-    target.mkdir(parents=True, exist_ok=True)
-    for name in ("metrics.csv", "config.json"):
-        shutil.copyfile(directory / name, target / name)
-    info = json.loads((directory / "info.json").read_text())
-    for start in (info, *info.get("resumed", [])):
-        start["command"][start["command"].index("--out") + 1] = target.name  # not a path of the machine it ran on
-    (target / "info.json").write_text(json.dumps(info, indent=1) + "\n")
 
 
 def section() -> str:
@@ -107,11 +93,11 @@ def main() -> None:
     parser.add_argument("names", nargs="*", default=[teacher.name for teacher in TEACHERS], help="teachers")
     parser.add_argument("--runs", type=Path, default=Path("runs/teachers"), help="where the run directories are")
     options = parser.parse_args()
-    for teacher in [teacher for teacher in TEACHERS if teacher.name in options.names]:
+    for teacher in chosen(options.names, TEACHERS):
         directory = options.runs / teacher.name
         command = [sys.executable, "-m", "loco_mjx.cli.main", "train", *teacher.words, "--out", str(directory)]
         subprocess.run(command, check=True)
-        keep(teacher, directory)
+        keep(directory, KEPT / teacher.name)
 
 
 if __name__ == "__main__":

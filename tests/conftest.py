@@ -35,8 +35,8 @@ _COMPILATION = Compilation()
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Chooses, before any fixture is made, how its programs are compiled, and those of the processes it starts.
 
-    Where physics and depth are compared with C MuJoCo (the marker `optimized`) as users' are; elsewhere without
-    optimisation, in half the time.
+    What is compared with C MuJoCo (the marker `optimized`) as users' are; the rest without optimisation, in half the
+    time.
     """
     _COMPILATION.choose(quickly=item.get_closest_marker("optimized") is None)
 

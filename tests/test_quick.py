@@ -1,6 +1,7 @@
-"""Physics and depth are compared with C MuJoCo as users compile them; everything else is compiled quickly."""
+"""What is compared with C MuJoCo is compiled as for users, everything else quickly; the marker `optimized` says it."""
 
 import os
+from pathlib import Path
 
 import jax
 import jax.numpy as jp
@@ -8,9 +9,7 @@ import numpy as np
 import pytest
 from jax._src import compiler
 
-from loco_mjx.scene.tasks import TASKS
 from tests import conftest, quick
-from tests.oracle import test_depth_c_mujoco, test_physics_c_mujoco
 
 
 @pytest.fixture
@@ -41,11 +40,12 @@ def test_without_it_they_are_compiled_quickly():
     assert os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "1"
 
 
-def test_physics_and_depth_are_compared_with_c_mujoco_as_users_compile_them():
-    assert test_physics_c_mujoco.pytestmark.name == "optimized"
-    marks = {task.values[0]: {mark.name for mark in task.marks} for task in test_depth_c_mujoco.EVERY_TASK}
-    assert set(marks) == set(TASKS)
-    assert {task for task, names in marks.items() if names} == {"thin-sphere", "indoor", "mountain", "forest"}
+def test_what_is_compared_with_c_mujoco_is_compiled_as_by_users():
+    tests = Path(conftest.__file__).parent
+    files = [file for folder in ("oracle", "physics", "depth") for file in (tests / folder).glob("test_*.py")]
+    comparing = [file for file in files if "mujoco" in file.read_text()]
+    assert {file.parent.name for file in comparing} >= {"oracle", "physics"}
+    assert [file.name for file in comparing if "pytestmark = pytest.mark.optimized" not in file.read_text()] == []
 
 
 def test_a_program_is_compiled_again_when_it_is_to_be_compiled_otherwise(compilation):

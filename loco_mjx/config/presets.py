@@ -14,7 +14,7 @@ from loco_mjx.robots import DEFAULT, get_robot
 def _fast(config: Config) -> Config:
     """Tuned for wall-clock: fewer passes, larger steps, calmer hips, values of order 1 beside the policy's gradient.
 
-    A teacher pays for collisions, so that it walks around what it would else lean against.
+    A teacher pays for collisions.
     """
     action = dataclasses.replace(config.env.action, scale=(0.2, 0.5, 0.5))
     ppo = dataclasses.replace(

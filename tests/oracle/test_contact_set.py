@@ -15,6 +15,8 @@ from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
 from tests.known_robots import A1
 
+pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
+
 POSES = 200
 MARGIN = 2e-4  # m: closer calls than this may differ by rounding
 

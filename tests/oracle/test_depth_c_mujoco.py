@@ -20,13 +20,11 @@ from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import Scene
 from tests.known_robots import A1
 
+pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
+
 CONFIG = DepthConfig()
 SCENES = 20
 COURSE = (-1.0, 32.0)  # m
-# With these every kernel is compiled as users compile it: level boxes and balls, turned boxes, terrain, cylinders.
-AS_USERS = ("thin-sphere", "indoor", "mountain", "forest")
-EVERY_TASK = [pytest.param(task, marks=pytest.mark.optimized) for task in AS_USERS]
-EVERY_TASK += [pytest.param(task) for task in TASKS if task not in AS_USERS]
 
 
 def draw_pose(key: jax.Array, scene: Scene) -> jax.Array:
@@ -80,7 +78,7 @@ def expected(scene: Scene, pose: np.ndarray) -> np.ndarray:
     return c_mujoco.cast(model, data, pose, A1.camera, CONFIG)
 
 
-@pytest.mark.parametrize("task", EVERY_TASK)
+@pytest.mark.parametrize("task", TASKS)
 def test_depth_is_mj_multi_rays(task: str) -> None:
     keys = jax.random.split(jax.random.PRNGKey(5), SCENES)
 

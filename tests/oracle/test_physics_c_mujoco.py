@@ -34,7 +34,7 @@ from tests.physics.world import (
     trot_targets,
 )
 
-pytestmark = pytest.mark.optimized  # arithmetic: compiled as users compile it
+pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
 
 GAIT = (world.GAIT_KP, world.GAIT_KD)
 

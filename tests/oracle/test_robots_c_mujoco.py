@@ -22,6 +22,8 @@ from loco_mjx.scene.parts import make_boxes, make_scene
 from tests.known_robots import GO1, GO2
 from tests.physics.world import CONVERGED, GAIT_KD, GAIT_KP, c_rollout, flat_c_model, trot_targets
 
+pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
+
 STEPS = 20
 GO = pytest.mark.parametrize("robot", (GO1, GO2), ids=("go1", "go2"))
 

@@ -10,6 +10,8 @@ import pytest
 from loco_mjx.scene.surface import ground
 from loco_mjx.scene.types import Terrain
 
+pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
+
 SHAPE, CELL, ORIGIN = (9, 6), 0.5, (-1.0, 2.0)
 RADIUS = 0.01
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import jax
 import mujoco
 import numpy as np
+import pytest
 
 from loco_mjx.physics.kinematics import pose, sphere_centers
 from loco_mjx.robots import LEGS
 from tests.known_robots import A1
 from tests.physics.world import standing
+
+pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
 
 
 def _random_poses(count: int) -> np.ndarray:

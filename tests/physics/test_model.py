@@ -12,6 +12,8 @@ from loco_mjx.robots import LEGS, PARTS, joint_names
 from tests.known_robots import A1
 from tests.refusals import refusal
 
+pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
+
 MASS = {"trunk": 4.713, "hip": 0.696, "thigh": 1.013, "calf": 0.226}
 PRINCIPAL = {
     "hip": (0.000807752, 0.00055293, 0.000468983),

@@ -16,6 +16,8 @@ from loco_mjx.physics.mjx import MjxDynamics
 from loco_mjx.physics.rigid_body import qM_and_qfrc_bias
 from loco_mjx.physics.xla import FusionBarrier
 
+pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
+
 N = 40
 
 
