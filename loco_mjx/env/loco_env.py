@@ -197,6 +197,7 @@ class LocoEnv:
             forward_velocity=forward / self.dt,
             speed=reward.forward_speed(forward / self.dt, self.config.reward),
             distance=straight if self.task.toward_goal else (end - start)[0],
+            goal_distance=jp.linalg.norm(after.scene.goal - end) if self.task.toward_goal else jp.array(jp.inf),
             torque_squared=trace.torque_squared,
             spheres=spheres.astype(jp.float32),
             contact=trace.obstacle_contact.astype(bool),

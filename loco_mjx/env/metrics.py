@@ -10,9 +10,12 @@ import jax.numpy as jp
 from loco_mjx.config import RewardConfig
 from loco_mjx.env.reward import RewardInputs, weights
 
+AT_GOAL = 1.0  # m from the base to the goal, within which the robot is there
+
 METRICS: dict[str, Callable[[RewardInputs], jax.Array]] = {
     "distance": lambda step: step.distance,
     "progress": lambda step: step.forward,
+    "at_goal": lambda step: (step.goal_distance < AT_GOAL).astype(jp.float32),
     "speed": lambda step: step.forward_velocity,
     "collisions": lambda step: step.contact.astype(jp.float32) * step.passed,
     "contacts": lambda step: step.contact.astype(jp.float32),

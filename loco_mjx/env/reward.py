@@ -31,6 +31,7 @@ class RewardInputs:
         forward_velocity: (), the same per second, m/s.
         speed: (), this, at most `reward.target_speed`, m/s.
         distance: (), m by which the episode's `distance` has grown.
+        goal_distance: (), from the base to the task's goal in three dimensions, m; infinite without a goal.
         torque_squared: (), ‖τ‖² averaged over the physics steps, (N·m)².
         spheres: (), spheres collected.
         contact: (), bool, whether the robot touched an obstacle or wall.
@@ -52,6 +53,7 @@ class RewardInputs:
     forward_velocity: jax.Array
     speed: jax.Array
     distance: jax.Array
+    goal_distance: jax.Array
     torque_squared: jax.Array
     spheres: jax.Array
     contact: jax.Array

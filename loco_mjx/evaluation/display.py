@@ -60,11 +60,14 @@ LEADING = (
 )
 FOLLOWING = (
     DisplayedMetric("progress", "progress to the goal", "m"),
+    DisplayedMetric("reached_goal", "came within 1 m of the goal", "of the episodes"),
+    DisplayedMetric("at_goal", "within 1 m of the goal", _STEPS, 1),
     DisplayedMetric("contacts", "contacts", _STEPS, 1),
     DisplayedMetric("spheres", "spheres"),
     DisplayedMetric("nonfinite", "non-finite states"),
 )
-UNITS = {"distance": "m", "progress": "m", "speed": "m/s"} | dict.fromkeys(("length", "collisions", "contacts"), _STEPS)
+UNITS = {"distance": "m", "progress": "m", "speed": "m/s"}
+UNITS |= dict.fromkeys(("length", "collisions", "contacts", "at_goal"), _STEPS)
 
 
 def order(metrics: Mapping[str, Mapping[str, Any]], task: str) -> tuple[list[DisplayedMetric], list[str]]:

@@ -162,10 +162,15 @@ class Evaluator:
 
 
 def figures(sums: Mapping[str, np.ndarray]) -> Figures:
-    """Sums over an episode's steps to its metrics: all are sums but the speed, which is a mean."""
+    """Sums over an episode's steps to its metrics: all are sums but the speed, which is a mean.
+
+    `reached_goal` is 1 for an episode in which the robot was at the goal for a control step or more.
+    """
     found = {name: np.asarray(value, np.float64) for name, value in sums.items()}
     if "speed" in found:
         found["speed"] = found["speed"] / np.maximum(found["length"], 1.0)
+    if "at_goal" in found:
+        found["reached_goal"] = (found["at_goal"] > 0).astype(np.float64)
     return found
 
 

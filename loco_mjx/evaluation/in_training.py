@@ -37,7 +37,7 @@ def evaluators(options: LoopOptions, tasks: Sequence[str] = ()) -> Callable[[Seq
         def evaluate(seed: int, state: Any) -> dict[str, float]:
             found: dict[str, float] = {}
             for prefix, program in programs.items():
-                figures = program.run(state.params, state.normalizer, seed, options.evaluation_episodes)
+                figures = program.run(state.policy, state.normalizer, seed, options.evaluation_episodes)
                 found |= {prefix + name: value for name, value in means(figures).items()}
             return found
 

@@ -1,4 +1,4 @@
-"""What changes over the length of a run: the learning rate, and how widely a policy explores."""
+"""What changes over the length of a run: the learning rate, how widely a policy explores, its parameters' mean."""
 
 from __future__ import annotations
 
@@ -34,3 +34,13 @@ def narrowed(params: Params, config: PPOConfig, initial_std: float, iteration: j
         return jp.minimum(leaf, limit) if getattr(path[-1], "key", None) == LOG_STD else leaf
 
     return jax.tree_util.tree_map_with_path(lower, params)
+
+
+def averaged(mean: Params, params: Params, config: PPOConfig, iteration: jax.Array) -> Params:
+    """The mean of the parameters after an iteration (0 is the first), from the mean before it (Polyak, Juditsky 1992).
+
+    Parameters of the past weigh less by a factor `average` with every iteration; of the first few all weigh the same.
+    """
+    count = iteration.astype(jp.float32)
+    decay = jp.minimum(config.average, count / (count + 1.0))
+    return jax.tree.map(lambda mean, new: decay * mean + (1.0 - decay) * new, mean, params)

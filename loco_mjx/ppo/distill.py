@@ -103,7 +103,13 @@ class DistillTrainer(Trainer):
         taught = self.teacher.params["params"]
         critic = {name: taught[name] for name in ("state_encoder", "value_head")}
         params = {"params": state.params["params"] | {"critic": critic}}
-        return dataclasses.replace(state, params=params, normalizer=self.teacher.normalizer, teacher=self.teacher)
+        return dataclasses.replace(
+            state,
+            params=params,
+            mean=None if state.mean is None else params,
+            normalizer=self.teacher.normalizer,
+            teacher=self.teacher,
+        )
 
     def imitation_step(self, state: TrainState, pool: Any, axis_name: str | None = None) -> tuple[TrainState, Metrics]:
         """One iteration of imitation: the next state and a dict of scalars."""

@@ -54,6 +54,7 @@ class TrainState:
         iteration: () int32 iterations done.
         samples: () int32 environment steps taken.
         teacher: what is imitated, constant; None for plain PPO (see loco_mjx/ppo/distill.py).
+        mean: of the parameters over iterations; None where the policy is the last ones.
     """
 
     params: Params
@@ -64,6 +65,12 @@ class TrainState:
     iteration: jax.Array
     samples: jax.Array
     teacher: Any = None
+    mean: Params | None = None
+
+    @property
+    def policy(self) -> Params:
+        """Parameters of the policy that is evaluated and kept; those that explore and learn are `params`."""
+        return self.params if self.mean is None else self.mean
 
 
 class Trainer:
@@ -167,6 +174,7 @@ class Trainer:
             key=key,
             iteration=jp.zeros((), jp.int32),
             samples=jp.zeros((), jp.int32),
+            mean=params if self.config.ppo.average else None,
         )
         return jax.tree.map(_strongly_typed, state)
 
@@ -214,9 +222,11 @@ class Trainer:
         (params, opt_state), metrics = (learn or self.learn)(state, data, shuffle_key, axis_name)
         # The statistics change only now: the update above needs those the rollout was collected with.
         normalizer = normalizer_lib.update(state.normalizer, rollout.state[:-1], rollout.weight, axis_name)
+        mean = None if state.mean is None else annealing.averaged(state.mean, params, ppo, state.iteration)
         state = dataclasses.replace(
             state,
             params=params,
+            mean=mean,
             opt_state=opt_state,
             normalizer=normalizer,
             iteration=state.iteration + 1,

@@ -151,7 +151,7 @@ def _identities(directory: Path) -> list[tuple[int, int] | bool]:
 
 def policy_of(state: Any) -> checkpoint.Policy:
     """The part of a training state that acts."""
-    return {"params": state.params, "normalizer": state.normalizer}
+    return {"params": state.policy, "normalizer": state.normalizer}
 
 
 def common_step(runs: Sequence[Run], say: Callable[[str], None] = lambda text: None) -> int:

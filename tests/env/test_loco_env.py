@@ -196,12 +196,28 @@ def test_an_unknown_task_is_named():
         make_env("thn")
 
 
+def _unmoved(physics, dropped=0):
+    """A control step after which the robot is in this state."""
+    zero = jp.zeros(())
+    trace = [jp.tile(x, (17, 1)) for x in (physics.qpos[7:], physics.qpos[3:7], physics.qvel[3:6])]
+    return Moved(physics, None, SubstepTrace(zero, zero > 0, jp.int32(dropped), *trace), {})
+
+
 def test_what_physics_could_not_feel_is_a_metric(other):
     env, reset, _ = other
     state = jax.tree.map(lambda x: x[0], reset(jax.random.PRNGKey(0)))
-    world, zero = state.pipeline_state, jp.zeros(())
-    trace = [jp.tile(x, (17, 1)) for x in (world.physics.qpos[7:], world.physics.qpos[3:7], world.physics.qvel[3:6])]
-    outcome = SubstepTrace(zero, zero > 0, jp.int32(3), *trace)
-    moved = Moved(world.physics, None, outcome, {})
-    after = jax.jit(env.finish_step)(state, world.scene, moved, jp.zeros(12))
+    world = state.pipeline_state
+    after = jax.jit(env.finish_step)(state, world.scene, _unmoved(world.physics, dropped=3), jp.zeros(12))
     assert after.metrics["contacts/dropped"] == 3.0 and set(after.metrics) == set(state.metrics)
+    assert after.metrics["at_goal"] == 0.0  # `thin` has none, and its start is where another goal would be
+
+
+def test_within_a_metre_of_the_goal_is_a_metric():
+    env = make_env("hill", config=EnvConfig(observation=BLIND))
+    state = jax.jit(env.reset)(jax.random.PRNGKey(0))
+    scene, finish = state.pipeline_state.scene, jax.jit(env.finish_step)
+    assert state.metrics["at_goal"] == 0.0
+    for offset, there in (((0.6, 0.0, 0.79), 1.0), ((0.0, -0.6, 0.81), 0.0)):  # 0.992 m, 1.008 m
+        physics = _edit(state, qpos=jp.zeros(19).at[:3].set(scene.goal + jp.array(offset)).at[3].set(1.0))
+        after = finish(state, scene, _unmoved(physics.pipeline_state.physics), jp.zeros(12))
+        assert after.metrics["at_goal"] == there

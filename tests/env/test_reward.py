@@ -25,6 +25,7 @@ STEP = RewardInputs(
     forward_velocity=jp.array(0.5),
     speed=jp.array(0.5),
     distance=jp.array(0.02),
+    goal_distance=jp.array(jp.inf),
     torque_squared=jp.array(80.0),
     spheres=jp.array(2.0),
     contact=jp.array(True),

@@ -26,7 +26,7 @@ class Staircase:
         end = jp.where(end == 5, HORIZON + 10, end)
         zero = jp.zeros(())
         info = {"t": zero, "end": end.astype(jp.float32), "truncation": zero}
-        metrics = {"distance": zero, "collisions": zero, "speed": zero, "action": zero, "end": zero}
+        metrics = {"distance": zero, "collisions": zero, "speed": zero, "action": zero, "end": zero, "at_goal": zero}
         return State(None, {"state": jp.zeros(2)}, zero, zero, metrics, info)
 
     def step(self, state, action):
@@ -36,6 +36,7 @@ class Staircase:
         truncated = (t >= HORIZON).astype(jp.float32)
         done = jp.where(over, 0.0, jp.maximum((t == end).astype(jp.float32), truncated))
         metrics = {"distance": worth, "collisions": 2.0 * (t > 1), "speed": worth, "action": action[0]}
+        metrics["at_goal"] = (t >= 3).astype(jp.float32)
         metrics["end"] = jp.where(t == 1, end, 0.0)
         info = state.info | {"t": t, "truncation": truncated * (t != end)}
         return state.replace(reward=2 * worth, done=done, metrics=metrics, info=info)
@@ -67,6 +68,8 @@ def test_metrics_are_sums_up_to_the_first_done():
     np.testing.assert_array_equal(figures["return"], length * (length + 1))
     np.testing.assert_array_equal(figures["speed"], (length + 1) / 2)  # a mean, unlike the others
     np.testing.assert_array_equal(figures["survived"], ends > HORIZON)
+    np.testing.assert_array_equal(figures["at_goal"], np.maximum(length - 2, 0))
+    np.testing.assert_array_equal(figures["reached_goal"], length >= 3)
 
 
 def test_the_first_16_seconds_are_summed_apart():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jp
 import mujoco
@@ -12,7 +14,7 @@ from loco_mjx.config import PhysicsConfig
 from loco_mjx.physics import collision, kinematics
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
-from loco_mjx.scene.tasks import get_task
+from loco_mjx.scene.tasks import Task, get_task
 from tests.known_robots import A1
 
 pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
@@ -36,20 +38,25 @@ def _poses(scene) -> np.ndarray:
     return np.concatenate([xy, height[:, None], quat, angles], axis=1).astype(np.float32)
 
 
-def _ours(scene, qpos: np.ndarray, obstacle_slots: int) -> tuple[np.ndarray, np.ndarray]:
+def _near(scene, qpos: np.ndarray) -> collision.Candidates:
+    """What is near to the robot in each of its poses, (..., POSES)."""
+    pick = lambda q: collision.broadphase(scene.replace(terrain=None), A1, q, PhysicsConfig())  # noqa: E731
+    near = jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), jax.jit(jax.vmap(pick))(jp.array(qpos)))
+    spread = lambda x: jp.broadcast_to(x, (POSES, *x.shape))  # noqa: E731
+    return near.replace(terrain=jax.tree.map(spread, scene.terrain))
+
+
+@functools.partial(jax.jit, static_argnames="obstacle_slots")
+def _held(near: collision.Candidates, qpos: jax.Array, obstacle_slots: int) -> tuple[jax.Array, jax.Array]:
     """(POSES, 22) each sphere's smallest distance to what its slots hold; (POSES,) whether obstacles are touched."""
+    point = kinematics.sphere_centers(A1, qpos.T)
+    held = collision.narrowphase(lambda f, *args: f(*args), near, A1, point, obstacle_slots)
+    feet, knees = (jp.min(jp.stack([p.distance for p in planes]), axis=0) for planes in (held.feet, held.knees))
+    return jp.concatenate([feet, held.hips.distance, knees, held.calves.distance, held.trunk.distance]).T, held.hit
 
-    def run(qpos):
-        near = jax.vmap(lambda q: collision.broadphase(scene.replace(terrain=None), A1, q, PhysicsConfig()))(qpos)
-        near = jax.tree.map(lambda x: jp.moveaxis(x, 0, -1), near)
-        spread = lambda x: jp.broadcast_to(x, (POSES, *x.shape))  # noqa: E731
-        near = near.replace(terrain=jax.tree.map(spread, scene.terrain))
-        point = kinematics.sphere_centers(A1, qpos.T)
-        held = collision.narrowphase(lambda f, *args: f(*args), near, A1, point, obstacle_slots)
-        feet, knees = (jp.min(jp.stack([p.distance for p in planes]), axis=0) for planes in (held.feet, held.knees))
-        return jp.concatenate([feet, held.hips.distance, knees, held.calves.distance, held.trunk.distance]).T, held.hit
 
-    distance, hit = jax.jit(run)(jp.array(qpos))
+def _ours(task: Task, scene, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    distance, hit = _held(_near(scene, qpos), jp.array(qpos), task.obstacle_slots)
     return np.array(distance), np.array(hit)
 
 
@@ -74,7 +81,7 @@ def test_the_same_spheres_touch(task, agreement):
     spec = get_task(task)
     scene = jax.jit(spec.generate)(jax.random.PRNGKey(3))
     qpos = _poses(scene)
-    ours, _ = _ours(scene, qpos, spec.obstacle_slots)
+    ours, _ = _ours(spec, scene, qpos)
     theirs, touching = _theirs(scene, qpos)
     clear = (np.abs(ours) > MARGIN) & (np.abs(theirs) > MARGIN)
     same = ((ours < 0) == touching)[clear]
@@ -84,10 +91,11 @@ def test_the_same_spheres_touch(task, agreement):
 
 def test_a_hit_is_a_contact_with_an_obstacle():
     """In `indoor` contacts above the ground's are with obstacles and walls; C's geoms tell which they are."""
-    scene = jax.jit(get_task("indoor").generate)(jax.random.PRNGKey(4))
+    spec = get_task("indoor")
+    scene = jax.jit(spec.generate)(jax.random.PRNGKey(4))
     qpos = _poses(scene)
     qpos[:, 2] += 0.5  # off the ground, beside the obstacles
-    ours, hit = _ours(scene, qpos, 1)
+    ours, hit = _ours(spec, scene, qpos)
     theirs, touching = _theirs(scene, qpos)
     clear = (np.abs(ours) > MARGIN).all(axis=1) & (np.abs(theirs) > MARGIN).all(axis=1)
     assert 0.1 < hit.mean() < 0.9

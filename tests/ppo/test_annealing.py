@@ -27,3 +27,11 @@ def test_a_standard_deviation_narrows_geometrically_and_nothing_else_does():
     np.testing.assert_allclose(jp.exp(from_less), [0.1**0.5 * 0.01**0.5, 0.01**0.5 * 0.1**0.5], rtol=1e-5)
     without = dataclasses.replace(config, final_std=None)
     assert annealing.narrowed(params, without, 1.0, jp.array(30)) is params
+
+
+def test_a_mean_of_parameters_weighs_the_first_alike_and_then_forgets():
+    config, mean = PPOConfig(average=0.75), {"w": jp.array([100.0])}  # what was there before the first counts nothing
+    expected = {0: 8.0, 1: 6.0, 2: 7.0, 3: 6.25, 4: 0.75 * 6.25 + 0.25 * 20.0, 5: 0.75 * 9.6875 + 0.25 * 1.0}
+    for iteration, value in enumerate((8.0, 4.0, 9.0, 4.0, 20.0, 1.0)):
+        mean = annealing.averaged(mean, {"w": jp.array([value])}, config, jp.array(iteration))
+        np.testing.assert_allclose(mean["w"], [expected[iteration]], rtol=1e-6)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jp
 import numpy as np
@@ -26,7 +28,7 @@ def _whole_batch(devices):
 
     The probe yields what is not finite: all that is promised below holds nevertheless.
     """
-    config = tiny(minibatch=128, epochs=4, pool_refresh=2, total_steps=128 * ITERATIONS, final_std=STD)
+    config = tiny(minibatch=128, epochs=4, pool_refresh=2, total_steps=128 * ITERATIONS, final_std=STD, average=0.5)
     return Trainer(config, BrokenProbe(horizon=6, start_spread=4), _mesh(devices))
 
 
@@ -90,6 +92,17 @@ def test_two_devices_do_what_one_does(one, two):
     np.testing.assert_array_equal(state_one.env_state.obs["state"], state_two.env_state.obs["state"])
     np.testing.assert_allclose(state_one.normalizer.mean, state_two.normalizer.mean, atol=1e-5)
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=5e-3), state_one.params, state_two.params)
+
+
+def test_the_policy_is_the_mean_of_what_each_iteration_left(two):
+    state, left = two.init(), []
+    _assert_equal(state.policy, state.params)
+    for i in range(4):
+        state, _ = two.iterate(state, two.make_pool(i))
+        left.append(jax.device_get(state.params))
+    mean = jax.tree.map(lambda a, b, c, d: ((a + b) / 2 + c) / 4 + d / 2, *left)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-5, atol=1e-7), state.policy, mean)
+    assert dataclasses.replace(state, mean=None).policy is state.params
 
 
 def test_environments_differ(two):

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from loco_mjx.errors import RunError
 from loco_mjx.ppo.trainer import Trainer
-from loco_mjx.run import checkpoint, loop
+from loco_mjx.run import checkpoint, loop, run_log
 from loco_mjx.run.progress import Output, Reporter
 from loco_mjx.run.signals import Interrupt
 from tests.refusals import refusal, says
@@ -74,6 +74,9 @@ def test_resuming_gives_bit_for_bit_what_an_uninterrupted_run_gives(tmp_path, tr
     assert samples == resumed_samples == int(expected.samples) == 192
     assert same(expected, resumed)
     assert not same(expected.params, jax.tree.map(np.asarray, trainer.init().params))
+    policy, _ = checkpoint.restore(parts, run_log.policy_of(expected), config, print, checkpoint.POLICY)
+    assert same(policy, {"params": expected.mean, "normalizer": expected.normalizer})
+    assert not same(expected.mean, expected.params)
     assert rows(parts) == rows(whole)
     assert [int(row["step"]) for row in rows(parts)] == [32, 64, 96, 128, 160, 192]
 

@@ -69,7 +69,7 @@ class TinyEnv:
 def tiny_config(iterations: int = 6, **ppo: Any) -> Config:
     """Iterations of 4 environments × 8 steps; the pool changes every second one."""
     sizes = {"num_envs": 4, "unroll": 8, "minibatch": 16, "epochs": 2, "pool_size": 4, "pool_refresh": 2}
-    values = sizes | {"total_steps": 32 * iterations, "learning_rate_decay": False} | ppo
+    values = sizes | {"total_steps": 32 * iterations, "learning_rate_decay": False, "average": 0.5} | ppo
     depth = dataclasses.replace(EnvConfig().observation.depth, enabled=False)
     env = EnvConfig(horizon=HORIZON, observation=dataclasses.replace(EnvConfig().observation, depth=depth))
     network = NetworkConfig(state_only_hidden=(8, 8))
