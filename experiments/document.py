@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from experiments import high_level_section, teachers
+from experiments import averaging, high_level_section, teachers
 from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, len_episodes, rows, runs
 from experiments.ordering import comparison
 from experiments.robots_section import robots, whole_body
@@ -236,6 +236,7 @@ def main() -> None:
                 INTRO,
                 taught(),
                 teachers.section(),
+                averaging.section(),
                 learning(),
                 comparison(),
                 robots(),

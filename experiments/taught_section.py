@@ -9,6 +9,7 @@ from typing import Any
 from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, rows
 from loco_mjx.compare import paper
 from loco_mjx.compare.markup import markdown
+from loco_mjx.evaluation.display import NOTHING
 from loco_mjx.scene.tasks import get_task
 
 TAUGHT = """## Taught, on a CPU
@@ -20,7 +21,9 @@ run of an earlier version; what is evaluated, and PPO's reward, is the paper's. 
 {seconds:g} s in scenes neither has seen; means over seeds, ± their standard deviation. The paper's figures are by PPO
 alone, after 15 million samples, five seeds. "Falls" is the share of episodes that end in one; on `mountain` "distance"
 is, as in the paper, from start to end, so that a robot that runs past the summit and down the other side has the most,
-and "progress" is how much nearer the goal has come.
+"progress" is how much nearer the goal has come, and "at the goal" the share of episodes in which the robot came within
+1 m of it. "An hour" has more samples, of the teacher's above all, and keeps the mean of a policy's parameters over the
+last iterations (`ppo.average`).
 """
 TIMES = """The samples and minutes of each run, teacher and policy; the machine was shared with other work, so times are
 upper bounds:
@@ -50,6 +53,7 @@ def taught() -> str:
         "seeds",
         "distance",
         "progress",
+        "at the goal",
         "falls",
         "collisions",
         *BESIDE_WORDS,
@@ -61,13 +65,15 @@ def taught() -> str:
 
 
 def _method(config: dict[str, Any], metrics: dict[str, Any]) -> str:
-    """By which it was trained, and whether the teacher paid for collisions, where there are any."""
-    free = config["method"] == "distill" and not config["distill"].get("teacher_collision", 0.0)
-    return "distill, collisions free" if free and metrics["collisions"]["mean"] else str(config["method"])
+    """By which it was trained, whether the teacher paid for collisions, if there are any, and whether for an hour."""
+    if config["method"] != "distill":
+        return str(config["method"])
+    free = not config["distill"].get("teacher_collision", 0.0) and metrics["collisions"]["mean"]
+    longer = config["ppo"].get("average", 0.0) > 0
+    return "distill" + ", collisions free" * bool(free) + ", an hour" * longer
 
 
 def _line(where: tuple[str, str, str, str], metrics: list[dict[str, Any]]) -> list[str]:
-    falls = [1.0 - one["survived"]["mean"] for one in metrics]
     wanted = {"collisions": 0} | BESIDE
     printed = [_printed(*where[1:], metric) for metric in (paper.DISTANCE, paper.COLLISIONS)]
     goal = get_task(where[3]).toward_goal
@@ -75,11 +81,20 @@ def _line(where: tuple[str, str, str, str], metrics: list[dict[str, Any]]) -> li
         *where,
         str(len(metrics)),
         figure(metrics, "distance", 2),
-        figure(metrics, "progress", 2) if goal else "—",
-        f"{sum(falls) / len(falls):.0%}",
+        figure(metrics, "progress", 2) if goal else NOTHING,
+        _share(metrics, "reached_goal") if goal else NOTHING,
+        _share(metrics, "survived", inverse=True),
         *(figure(metrics, name, digits) for name, digits in wanted.items()),
         *printed,
     ]
+
+
+def _share(metrics: list[dict[str, Any]], name: str, inverse: bool = False) -> str:
+    """Mean over the seeds of a share of the episodes, or of the rest of them; a dash unless all have it."""
+    if any(name not in one for one in metrics):
+        return NOTHING
+    mean = sum(one[name]["mean"] for one in metrics) / len(metrics)
+    return f"{1.0 - mean if inverse else mean:.0%}"
 
 
 def _printed(policy: str, trained_on: str, task: str, metric: str) -> str:
@@ -88,8 +103,8 @@ def _printed(policy: str, trained_on: str, task: str, metric: str) -> str:
         for i, column in enumerate(one.columns):
             if (column.trained_on, column.evaluated_on, column.metric) == (trained_on, task, metric):
                 value = next(row.values[i] for row in one.rows if row.variant.policy == policy)
-                return f"{value[0]} ± {value[1]}" if value else "—"
-    return "—"
+                return f"{value[0]} ± {value[1]}" if value else NOTHING
+    return NOTHING
 
 
 def _times(run: Path) -> list[str]:

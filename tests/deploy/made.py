@@ -25,13 +25,20 @@ def policy(name: str, diagonal: bool = False, **network: Any) -> TrainedPolicy:
     networks = make_networks(name, config.network, action.size)
     shapes = observation_shapes(config)
     obs = {part: jp.zeros(shape) for part, shape in shapes.items()}
-    init = jax.jit(networks.init)(jax.random.PRNGKey(1), obs)
     rng = np.random.default_rng(2)
-    # The last layers start close to zero, and biases at it: with weights of order one an error anywhere shows.
-    params = jax.tree.map(lambda x: np.asarray(x + 0.05 * rng.normal(size=x.shape), np.float32), init)
+    params = jax.tree_util.tree_map_with_path(
+        lambda path, shape: _parameter(rng, path[-1].key, shape.shape),
+        jax.eval_shape(networks.init, jax.random.PRNGKey(1), obs),
+    )
     count, squares = 50.0, 50.0 * rng.uniform(0.1, 2.0, 93) ** 2
     normalizer = Normalizer(*(jp.asarray(x, jp.float32) for x in (count, rng.normal(0, 0.3, 93), squares)))
     return TrainedPolicy(config, networks, params, normalizer, samples=1234)
+
+
+def _parameter(rng: np.random.Generator, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Of order one in every layer, the last and the biases too, which begin close to zero: an error anywhere shows."""
+    inputs = np.prod(shape[:-1]) if name == "kernel" else 400.0
+    return np.asarray((name == "scale") + rng.normal(size=shape) / np.sqrt(inputs), np.float32)
 
 
 def observations(count: int) -> dict[str, np.ndarray]:

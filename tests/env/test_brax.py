@@ -13,15 +13,14 @@ from brax.training.agents.ppo import networks_vision
 from brax.training.agents.ppo import train as ppo
 
 from loco_mjx import make_env, wrap_for_brax
-from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig, PhysicsConfig
+from loco_mjx.config import DepthConfig, EnvConfig, ObservationConfig
 from loco_mjx.env.state import State
 from tests.known_robots import A1
+from tests.light import LIGHT
 from tests.ppo.probes import Probe
 from tests.refusals import refusal
 
 N, LENGTH, POOL = 2, 3, 4  # environments, control steps of an episode, scenes
-# What is tested is when episodes begin and end: physics is as small as it gets.
-LIGHT = PhysicsConfig(iterations=1, ls_iterations=1, more_iterations=0, near_boxes=1, near_cylinders=1)
 BLIND = EnvConfig(observation=ObservationConfig(depth=DepthConfig(enabled=False)), physics=LIGHT)
 SEEING = EnvConfig(observation=ObservationConfig(depth=DepthConfig(height=8, width=8)), physics=LIGHT)
 PUSH = jp.tile(jp.linspace(-1.0, 1.0, 12), (N, 1))

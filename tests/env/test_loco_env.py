@@ -14,6 +14,7 @@ from loco_mjx.env.drive import Moved
 from loco_mjx.errors import UnknownNameError
 from loco_mjx.physics.step import SubstepTrace
 from tests.known_robots import A1
+from tests.light import LIGHT
 from tests.refusals import refusal
 
 HORIZON = 6
@@ -36,8 +37,9 @@ def step(env):
 
 
 @pytest.fixture(scope="session")
-def auto(env):
+def auto():
     """(pool, first, step) of the autoreset, batched over 3 environments."""
+    env = make_env("thin", config=EnvConfig(physics=LIGHT, horizon=HORIZON))
     pool = env.make_pool(jax.random.PRNGKey(5), 4)
     first = jax.jit(jax.vmap(lambda k: autoreset.first(env, k, pool)))
     step = jax.jit(jax.vmap(lambda s, a: autoreset.step(env, s, a, pool)))
@@ -51,6 +53,7 @@ def other():
         observation=BLIND,
         action=ActionConfig(scale=(0.1, 0.2, 0.3), diagonal=True),
         randomization=RandomizationConfig(enabled=True),
+        physics=LIGHT,
     )
     env = make_env("thin", config=config)
     reset = jax.jit(lambda key: jax.vmap(env.reset)(jax.random.split(key, 200)))
@@ -131,7 +134,7 @@ def test_a_non_finite_state_is_counted_and_contained(reset, step, key):
     assert all(np.isfinite(np.array(x)).all() for x in jax.tree.leaves(after.obs))
 
 
-def test_the_step_after_done_starts_a_new_episode(env, auto):
+def test_the_step_after_done_starts_a_new_episode(auto):
     pool, first, step = auto
     state = first(jax.random.split(jax.random.PRNGKey(3), 3))
     np.testing.assert_array_equal(state.info["reset"], 1)
