@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from experiments import committed
+from experiments.taught import RUNS
 from loco_mjx.compare.markup import markdown
 from loco_mjx.evaluation.display import NOTHING
+from loco_mjx.scene.tasks import get_task
 
 KEPT = committed.RESULTS / "averaging"
 EPISODES, SEED = 64, 1  # scenes that no other evaluation has
@@ -42,7 +44,8 @@ def compare(directory: Path) -> dict[str, Any]:
     config, teacher = policy.config, directory / directories.TEACHER
     trainer = start.build_student(config, teacher) if config.method == "distill" else start.build(config)
     found = checkpoint.restore(directory, trainer.init(), config, print)
-    assert found is not None and found[0].mean is not None
+    if found is None or found[0].mean is None:
+        raise SystemExit(f"{directory} has no mean of its parameters; accepted: a run with --ppo.average")
     both = {"mean": policy, "last": dataclasses.replace(policy, params=found[0].params)}
     results = {name: evaluate_policy(one, name, None, EPISODES, SEED, False, False) for name, one in both.items()}
     about = {name: results["mean"][name] for name in ("task", "samples", "num_episodes", "seed", "versions")}
@@ -54,7 +57,8 @@ def section() -> str:
     found = sorted(KEPT.glob("*.json"))
     if not found:
         return ""
-    head = ["run", "whose", "samples", "decay", "parameters", "distance", "progress", "falls", "collisions"]
+    head = ["run", "whose", "samples", "decay", "parameters"]
+    head += ["distance", "progress", "at the goal", "falls", "collisions"]
     body = [_line(path, name) for path in found for name in ("last", "mean")]
     return TEXT.format(episodes=EPISODES) + "\n" + markdown(head, body)
 
@@ -63,23 +67,25 @@ def _line(path: Path, name: str) -> list[str]:
     result = json.loads(path.read_text())
     run, whose = path.stem.rsplit("-", 1)
     figure = {metric: found["mean"] for metric, found in result[name].items()}
-    progress = f"{figure['progress']:.2f}" if result["task"] == "mountain" else NOTHING
+    goal = get_task(result["task"]).toward_goal
+    there = [f"{figure['progress']:.2f}", f"{figure['reached_goal']:.0%}"] if goal else [NOTHING, NOTHING]
     first = [f"`{run}`", WHOSE[whose], f"{result['samples']:,}", f"{result['average']:g}", name]
     falls, collisions = f"{1 - figure['survived']:.0%}", f"{figure['collisions']:.0f}"
-    return [*first, f"{figure['distance']:.2f}", progress, falls, collisions]
+    return [*first, f"{figure['distance']:.2f}", *there, falls, collisions]
 
 
 def main() -> None:
     """Evaluates the runs that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="+", help="runs of experiments.taught, e.g. mountain-hour-seed0")
+    known = [run for run in RUNS if run.longer]
+    parser.add_argument("names", nargs="*", default=[run.name for run in known], help="e.g. mountain-longer-seed0")
     parser.add_argument("--runs", type=Path, default=Path("runs/taught"), help="where the run directories are")
     options = parser.parse_args()
     from loco_mjx.run import machine
 
     machine.set_up()
     KEPT.mkdir(parents=True, exist_ok=True)
-    for name in options.names:
+    for name in [run.name for run in committed.chosen(options.names, known)]:
         for whose, place in (("policy", options.runs / name), ("teacher", options.runs / name / "teacher")):
             (KEPT / f"{name}-{whose}.json").write_text(json.dumps(compare(place), indent=1) + "\n")
 

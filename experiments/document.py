@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from experiments import averaging, high_level_section, teachers
+from experiments import averaging, high_level_section, needles, teachers
 from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, len_episodes, rows, runs
 from experiments.ordering import comparison
 from experiments.robots_section import robots, whole_body
@@ -39,11 +39,11 @@ modelled less well.
 """
 SIMCHECK = """## The exported policy in C MuJoCo and in MJX
 
-`python -m experiments.simcheck` exports these policies and compares (`loco-mjx simcheck POLICY --json`): the same ONNX
-file, scenes and starts; C MuJoCo with the full scene, every obstacle a real geom, and depth by `mj_multiRay`. The
-difference is C − MJX with the standard error of the paired mean. On a heightfield C's feet have the plane beneath them,
-as in training; "C's prisms": its own contacts, which push a foot sideways that is deeper in the ground than its radius
-(`loco_mjx/deploy/terrain_contacts.py`), so that robots trip over nothing.
+`python -m experiments.simcheck NAME ...` exports these policies and compares (`loco-mjx simcheck POLICY --json`): the
+same ONNX file, scenes and starts; C MuJoCo with the full scene, every obstacle a real geom, and depth by
+`mj_multiRay`. The difference is C − MJX with the standard error of the paired mean. On a heightfield C's feet have the
+plane beneath them, as in training; "C's prisms": its own contacts, which push a foot sideways that is deeper in the
+ground than its radius (`loco_mjx/deploy/terrain_contacts.py`), so that robots trip over nothing.
 """
 REPLAY = """Episodes of 40 s with contacts are chaotic: pairs part, and the means of so few are as uncertain as the
 errors say. Seconds of them are not: every fourth second of MJX's episodes (solver {solver}) was run again in C from
@@ -225,30 +225,18 @@ def _longest(found: dict[str, Path]) -> dict[str, Path]:
     return {name: path for name, path in found.items() if not any(other.startswith(f"{name}-") for other in found)}
 
 
+def text() -> str:
+    """The document."""
+    sections = (taught, teachers.section, averaging.section, learning, comparison, robots, whole_body)
+    sections += (high_level_section.high_level, simcheck, needles.section, speed, ratios)
+    return "\n".join([INTRO, *(part for part in (section() for section in sections) if part)])
+
+
 def main() -> None:
-    """Writes the document and its figure."""
+    """Writes the document and its figures."""
     curves()
     high_level_section.curves(ROOT / "docs")
-    (ROOT / "docs" / "results.md").write_text(
-        "\n".join(
-            part
-            for part in (
-                INTRO,
-                taught(),
-                teachers.section(),
-                averaging.section(),
-                learning(),
-                comparison(),
-                robots(),
-                whole_body(),
-                high_level_section.high_level(),
-                simcheck(),
-                speed(),
-                ratios(),
-            )
-            if part
-        )
-    )
+    (ROOT / "docs" / "results.md").write_text(text())
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Is C MuJoCo's walk ours? Exports trained policies and compares: ``python -m experiments.simcheck NAME ...``.
 
-NAME is a run of ``experiments.learning``; results go to ``experiments/results/cpu/simcheck/``. Our side's physics is
-what users get, whatever the run was trained with.
+NAME is a run of ``experiments.learning`` or, with ``--runs runs/taught``, of ``experiments.taught``; results go to
+``experiments/results/cpu/simcheck/``. Our side's physics is what users get, whatever the run was trained with.
 """
 
 from __future__ import annotations

@@ -29,11 +29,10 @@ class Run:
         task: to train on.
         seed: of everything random.
         policy: to train.
-        samples: of it; its teacher has four times as many, unless `hour`. None: the default.
+        samples: of it; its teacher has four times as many, unless `longer`. None: the default.
         method: distill, or ppo, which is the paper's.
         free: whether collisions cost the teacher nothing.
-        hour: whether it is what an hour of two quiet cores gives: more samples, the teacher's eight times as many, and
-            either policy the mean of its parameters.
+        longer: whether it has more samples, its teacher eight times as many, and either is the mean of its parameters.
     """
 
     task: str
@@ -42,26 +41,26 @@ class Run:
     samples: int | None = None
     method: str = "distill"
     free: bool = False
-    hour: bool = False
+    longer: bool = False
 
     @property
     def name(self) -> str:
         """Name of its directories."""
         marks = [self.task, *([self.policy] if self.policy != SEEING else [])]
-        given = {"ppo": self.method == "ppo", "free": self.free, "hour": self.hour}
+        given = {"ppo": self.method == "ppo", "free": self.free, "longer": self.longer}
         marks += [mark for mark, is_so in given.items() if is_so]
         return "-".join([*marks, f"seed{self.seed}"])
 
 
 FREE = ("--distill.teacher-collision", "0")
-HOUR = ("--distill.teacher-ratio", "8", "--ppo.average", "0.95")
+LONGER = ("--distill.teacher-ratio", "8", "--ppo.average", "0.95")
 PIXELS = 458_752  # samples of PPO from pixels: 13 to 14 minutes of two quiet cores
 RUNS = tuple(Run("mountain", seed) for seed in (0, 1, 2))
 RUNS += tuple(Run("thin", seed, samples=376_832) for seed in (0, 1, 2))
 RUNS += (Run("thin", 0, samples=376_832, free=True),)
 RUNS += tuple(Run("mountain", seed, samples=PIXELS, method="ppo") for seed in (0, 1, 2))
 RUNS += (Run("mountain", 0, "state-only"),)
-RUNS += (Run("mountain", 0, samples=1_000_000, hour=True),)
+RUNS += (Run("mountain", 0, samples=1_000_000, longer=True),)
 RUNS += tuple(Run(task, 0, samples=376_832) for task in ("moving", "wide", "thin-sphere", "wide-sphere"))
 
 
@@ -69,7 +68,7 @@ def train(run: Run, directory: Path) -> None:
     """Trains the teacher and its pupil, or goes on training."""
     command = ["--task", run.task, "--policy", run.policy, "--method", run.method, "--seed", str(run.seed)]
     command += ["--total-steps", str(run.samples)] if run.samples else []
-    command += [*(FREE if run.free else ()), *(HOUR if run.hour else ())]
+    command += [*(FREE if run.free else ()), *(LONGER if run.longer else ())]
     command += ["--out", str(directory)]
     subprocess.run([sys.executable, "-m", "loco_mjx.cli.main", "train", *command], check=True)
 

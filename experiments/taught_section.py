@@ -9,6 +9,7 @@ from typing import Any
 from experiments.committed import BESIDE, BESIDE_WORDS, RESULTS, figure, rows
 from loco_mjx.compare import paper
 from loco_mjx.compare.markup import markdown
+from loco_mjx.config import DistillConfig
 from loco_mjx.evaluation.display import NOTHING
 from loco_mjx.scene.tasks import get_task
 
@@ -22,8 +23,9 @@ run of an earlier version; what is evaluated, and PPO's reward, is the paper's. 
 alone, after 15 million samples, five seeds. "Falls" is the share of episodes that end in one; on `mountain` "distance"
 is, as in the paper, from start to end, so that a robot that runs past the summit and down the other side has the most,
 "progress" is how much nearer the goal has come, and "at the goal" the share of episodes in which the robot came within
-1 m of it. "An hour" has more samples, of the teacher's above all, and keeps the mean of a policy's parameters over the
-last iterations (`ppo.average`).
+1 m of it; a dash: evaluated before there was such a figure, or without a goal. "Mean": the teacher and the policy are
+the means of their parameters over iterations (`ppo.average`), "× 8": of a teacher with so many samples for each of the
+policy's, instead of four.
 """
 TIMES = """The samples and minutes of each run, teacher and policy; the machine was shared with other work, so times are
 upper bounds:
@@ -65,12 +67,17 @@ def taught() -> str:
 
 
 def _method(config: dict[str, Any], metrics: dict[str, Any]) -> str:
-    """By which it was trained, whether the teacher paid for collisions, if there are any, and whether for an hour."""
+    """By which it was trained, and what was not as it usually is: collisions, if there are any, samples, the mean."""
     if config["method"] != "distill":
         return str(config["method"])
-    free = not config["distill"].get("teacher_collision", 0.0) and metrics["collisions"]["mean"]
-    longer = config["ppo"].get("average", 0.0) > 0
-    return "distill" + ", collisions free" * bool(free) + ", an hour" * longer
+    distill, marks = config["distill"], []
+    if not distill.get("teacher_collision", 0.0) and metrics["collisions"]["mean"]:
+        marks.append("collisions free")
+    if distill["teacher_ratio"] != DistillConfig.teacher_ratio:
+        marks.append(f"× {distill['teacher_ratio']:g}")
+    if config["ppo"].get("average", 0.0):
+        marks.append("mean")
+    return ", ".join(["distill", *marks])
 
 
 def _line(where: tuple[str, str, str, str], metrics: list[dict[str, Any]]) -> list[str]:

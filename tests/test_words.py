@@ -46,6 +46,10 @@ def test_where_results_are_shown_it_is_said_of_which_preset_they_are():
         assert "`paper`" in words and "`fast` preset" in " ".join(words.split())
 
 
+def test_the_results_are_those_of_the_committed_files():
+    assert (ROOT / "docs/results.md").read_text() == document.text()
+
+
 def test_what_is_said_of_teaching_is_what_came_of_it():
     found = [json.loads(path.read_text()) for path in (committed.RESULTS / "taught").glob("mountain-seed*/evaluation*")]
     farthest = [result["metrics"]["distance"]["mean"] for result in found]

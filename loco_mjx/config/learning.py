@@ -51,7 +51,9 @@ class PPOConfig:
     max_grad_norm: Annotated[float, Range(0, 1e6, above=True)] = 0.5
     entropy: Weight = 0.005
     final_std: Deviation | None = None  # exploration's std stays below a limit that falls to this; None: no limit
-    average: Share = 0.0  # decay of the mean of the parameters over iterations that is the policy; 0: the last ones are
+    # The policy is the mean of its parameters over iterations: what the mean of before weighs, the rest is the new ones
+    # (0.95: those of about 20 iterations count); 0: the last ones.
+    average: Share = 0.0
     value_loss: Annotated[float, Range(0, 10_000)] = 0.5
     optimizer: Literal["joint", "separate"] = "joint"  # separate: policy and value have their own clip and Adam
     reward_scale: Annotated[float, Range(0, 10_000, above=True)] = (

@@ -11,6 +11,7 @@ NOTHING = "—"  # where there is no figure
 _STEPS = "steps"
 # Metrics that are left out if they equal another one: without a goal, or if every contact is a collision.
 _TWINS = {"progress": "distance", "contacts": "collisions"}
+_OF_GOALS = ("reached_goal", "at_goal")  # metrics that are left out without a goal
 
 
 @dataclass(frozen=True)
@@ -83,10 +84,12 @@ def order(metrics: Mapping[str, Mapping[str, Any]], task: str) -> tuple[list[Dis
     known = {one.name: one for one in FOLLOWING}
     others = [name for name in metrics if name not in known and name not in {one.name for one in LEADING}]
     shown, zero = list(LEADING), []
+    goal = not _same(metrics, "progress", _TWINS["progress"])
     for name in (*known, *others):
-        if name not in metrics or _same(metrics, name, _TWINS.get(name)):
+        if name not in metrics or _same(metrics, name, _TWINS.get(name)) or (name in _OF_GOALS and not goal):
             continue
-        if _zero(metrics[name]) and not (task.endswith("-sphere") and "sphere" in name):
+        about = name == "reached_goal" or (task.endswith("-sphere") and "sphere" in name)
+        if _zero(metrics[name]) and not about:
             zero.append(name)
         else:
             shown.append(known.get(name, DisplayedMetric(name, name)))
@@ -103,4 +106,4 @@ def _zero(figures: Mapping[str, Any]) -> bool:
 
 
 def _same(metrics: Mapping[str, Mapping[str, Any]], name: str, other: str | None) -> bool:
-    return other is not None and metrics[name] == metrics.get(other)
+    return other is not None and name in metrics and metrics[name] == metrics.get(other)

@@ -1,7 +1,8 @@
 """Policies that come with the package, by name: folders as `loco-mjx export` writes them.
 
 `evaluate`, `play`, `simcheck`, `export` and `deploy` take a name wherever they take a folder of the user's own.
-`experiments/ship.py` writes them; docs/results.md has their figures and how they were trained.
+`experiments/ship.py` writes them; docs/results.md says how they were trained.
+Their figures are in their `policy.json`.
 """
 
 from __future__ import annotations

@@ -36,11 +36,14 @@ def narrowed(params: Params, config: PPOConfig, initial_std: float, iteration: j
     return jax.tree_util.tree_map_with_path(lower, params)
 
 
-def averaged(mean: Params, params: Params, config: PPOConfig, iteration: jax.Array) -> Params:
-    """The mean of the parameters after an iteration (0 is the first), from the mean before it (Polyak, Juditsky 1992).
+def averaged(mean: Params | None, params: Params, config: PPOConfig, iteration: jax.Array) -> Params | None:
+    """The mean of the parameters after an iteration (0 is the first), from the mean before it; None without one.
 
     Parameters of the past weigh less by a factor `average` with every iteration; of the first few all weigh the same.
+    (Polyak and Juditsky 1992, with weights that fall.)
     """
+    if mean is None:
+        return None
     count = iteration.astype(jp.float32)
     decay = jp.minimum(config.average, count / (count + 1.0))
     return jax.tree.map(lambda mean, new: decay * mean + (1.0 - decay) * new, mean, params)

@@ -69,7 +69,7 @@ class TrainState:
 
     @property
     def policy(self) -> Params:
-        """Parameters of the policy that is evaluated and kept; those that explore and learn are `params`."""
+        """Parameters of the policy that is evaluated and kept; `params` explore and learn."""
         return self.params if self.mean is None else self.mean
 
 
@@ -222,11 +222,10 @@ class Trainer:
         (params, opt_state), metrics = (learn or self.learn)(state, data, shuffle_key, axis_name)
         # The statistics change only now: the update above needs those the rollout was collected with.
         normalizer = normalizer_lib.update(state.normalizer, rollout.state[:-1], rollout.weight, axis_name)
-        mean = None if state.mean is None else annealing.averaged(state.mean, params, ppo, state.iteration)
         state = dataclasses.replace(
             state,
             params=params,
-            mean=mean,
+            mean=annealing.averaged(state.mean, params, ppo, state.iteration),
             opt_state=opt_state,
             normalizer=normalizer,
             iteration=state.iteration + 1,

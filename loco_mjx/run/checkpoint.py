@@ -2,8 +2,8 @@
 
 A checkpoint is ``checkpoints/<step>/`` with two Orbax trees, the curves and a manifest:
 
-- ``state/``: everything training needs to go on: parameters, optimiser, normaliser, environments, keys, step
-- ``policy/``: parameters and normaliser alone, for evaluation
+- ``state/``: all that training needs to go on: parameters, their mean, optimiser, normaliser, environments, keys, step
+- ``policy/``: parameters (the mean, if there is one) and normaliser alone, for evaluation
 - ``curves.csv``: the rows of metrics.csv so far
 - ``manifest.json``: step, configuration, score, the size and CRC-32 of every file, and a CRC-32 of all of that
 

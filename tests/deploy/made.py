@@ -36,9 +36,9 @@ def policy(name: str, diagonal: bool = False, **network: Any) -> TrainedPolicy:
 
 
 def _parameter(rng: np.random.Generator, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Of order one in every layer, the last and the biases too, which begin close to zero: an error anywhere shows."""
-    inputs = np.prod(shape[:-1]) if name == "kernel" else 400.0
-    return np.asarray((name == "scale") + rng.normal(size=shape) / np.sqrt(inputs), np.float32)
+    """Such that an error anywhere shows, in the last layer and the biases too, which begin at zero or close to it."""
+    std = np.prod(shape[:-1]) ** -0.5 if name == "kernel" else 0.05  # a layer's outputs are as large as its inputs
+    return np.asarray((name == "scale") + std * rng.normal(size=shape), np.float32)
 
 
 def observations(count: int) -> dict[str, np.ndarray]:

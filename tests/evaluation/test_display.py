@@ -22,6 +22,8 @@ METRICS = {
     "reward/sphere": ZERO,
     "speed": {"mean": 1.0, "std": 0.158},
     "spheres": ZERO,
+    "at_goal": ZERO,
+    "reached_goal": ZERO,
     "survived": {"mean": 0.75, "std": 0.433},
     "distance_16s": {"mean": 15.5, "std": 1.0},
     "collisions_16s": {"mean": 20.0, "std": 3.0},
@@ -60,6 +62,7 @@ def test_what_a_task_is_about_is_shown_even_at_zero():
     metrics = METRICS | {"progress": {"mean": 8.0, "std": 1.0}, "contacts/dropped": {"mean": 0.5, "std": 0.1}}
     shown = labels(RESULT | {"task": "mountain", "metrics": metrics})
     assert "progress to the goal" in shown and "contacts/dropped" in shown
+    assert "came within 1 m of the goal" in shown and "within 1 m of the goal" not in shown
 
 
 def test_a_figure_that_there_is_not_is_a_dash():
@@ -84,4 +87,6 @@ def test_seeds_are_shown_in_the_same_order():
 
 def test_every_metric_is_shown_or_named():
     shown, zero = order(METRICS, "thin")
-    assert {one.name for one in shown} | set(zero) | {"progress"} == set(METRICS)  # which is the distance
+    without_goal = {"progress", "at_goal", "reached_goal"}  # the first is the distance then
+    assert {one.name for one in shown} | set(zero) | without_goal == set(METRICS)
+    assert without_goal.isdisjoint(zero)

@@ -70,8 +70,9 @@ def is_clear(scene: Scene, pose: np.ndarray) -> bool:
 
 def draw_clear_pose(rng: np.random.Generator, scene: Scene) -> np.ndarray:
     """The first clear pose of 32."""
-    poses = (draw_pose(rng, scene) for _ in range(32))
-    return next(pose for pose in poses if is_clear(scene, pose))
+    found = next((pose for pose in (draw_pose(rng, scene) for _ in range(32)) if is_clear(scene, pose)), None)
+    assert found is not None, "no pose of 32 is clear"
+    return found
 
 
 def expected(scene: Scene, pose: np.ndarray) -> np.ndarray:

@@ -41,7 +41,7 @@ class KnownProbe(SignProbe):
 
 
 def _config():
-    config = tiny(minibatch=32, total_steps=128 * ITERATIONS)
+    config = tiny(minibatch=32, total_steps=128 * ITERATIONS, average=0.5)
     distill = DistillConfig(imitation=IMITATIONS / ITERATIONS, learning_rate=3e-3, minibatch=32, epochs=4)
     return config_lib.with_method(dataclasses.replace(config, method="distill", distill=distill))
 
@@ -115,6 +115,16 @@ def test_then_ppo_goes_on(run):
     before, after = (states[i].params["params"]["policy_head"]["log_std"] for i in (IMITATIONS, -1))
     assert np.all(before != after)
     assert int(states[-1].iteration) == ITERATIONS
+
+
+def test_the_policy_is_a_mean_from_the_first_iteration_on_and_beyond_the_last_imitation(run):
+    *_, states, _ = run
+    assert config_lib.teacher_of(_config()).ppo.average == 0.5
+    jax.tree.map(np.testing.assert_array_equal, states[0].policy, states[0].params)
+    mean = states[1].params
+    for state in states[2:]:  # half of it is new each time
+        mean = jax.tree.map(lambda x, y: 0.5 * (x + y), mean, state.params)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-5, atol=1e-6), states[-1].policy, mean)
 
 
 def test_adam_begins_anew_with_ppo(run):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+
+import jax
 import jax.numpy as jp
 import pytest
 
@@ -30,12 +33,17 @@ def test_other_tasks_are_evaluated_beside_the_own_one(tmp_path, monkeypatch):
     options = loop.LoopOptions(evaluation_episodes=2)
     make = in_training.evaluators(options, ["thin", "mountain"])  # thin is its own
     (evaluate,) = make([Run(config, tmp_path)], trainer)
-    found = evaluate(trainer.init())
+    state = trainer.init()
+    found = evaluate(state)
     own = {name for name in found if not name.startswith("mountain/")}
     assert {"distance", "return", "length"} <= own
     assert set(found) == own | {f"mountain/{name}" for name in own}
     assert found["mountain/distance"] == found["distance"]
     assert found["mountain/return"] == pytest.approx(found["return"] - 2.0 * found["length"], abs=1e-4)
+    # What is evaluated is the policy, and not what explores.
+    other = jax.tree.map(lambda x: x + 1.0, state.params)
+    assert evaluate(dataclasses.replace(state, params=other)) == found
+    assert evaluate(dataclasses.replace(state, mean=other))["distance"] != found["distance"]
 
 
 @pytest.mark.parametrize(("listed", "error"), [("wide,moutain", UnknownNameError), ("wide,,thin", UserError)])
