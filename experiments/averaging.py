@@ -77,8 +77,8 @@ def _line(path: Path, name: str) -> list[str]:
 def main() -> None:
     """Evaluates the runs that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    known = [run for run in RUNS if run.longer]
-    parser.add_argument("names", nargs="*", default=[run.name for run in known], help="e.g. mountain-longer-seed0")
+    known = [run for run in RUNS if run.average]
+    parser.add_argument("names", nargs="*", default=[run.name for run in known], help="e.g. mountain-x8-seed0")
     parser.add_argument("--runs", type=Path, default=Path("runs/taught"), help="where the run directories are")
     options = parser.parse_args()
     from loco_mjx.run import machine

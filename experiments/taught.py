@@ -15,6 +15,7 @@ from pathlib import Path
 
 from experiments import committed
 from experiments.learning import evaluate
+from loco_mjx.config import DistillConfig
 
 SEEING = "loco-transformer"
 RESULTS = committed.RESULTS / "taught"
@@ -29,10 +30,11 @@ class Run:
         task: to train on.
         seed: of everything random.
         policy: to train.
-        samples: of it; its teacher has four times as many, unless `longer`. None: the default.
+        samples: of it. None: the default.
         method: distill, or ppo, which is the paper's.
         free: whether collisions cost the teacher nothing.
-        longer: whether it has more samples, its teacher eight times as many, and either is the mean of its parameters.
+        ratio: samples of its teacher for each of them.
+        average: decay of the mean over iterations that its parameters are, and its teacher's; 0: they are the last.
     """
 
     task: str
@@ -41,26 +43,27 @@ class Run:
     samples: int | None = None
     method: str = "distill"
     free: bool = False
-    longer: bool = False
+    ratio: float = DistillConfig.teacher_ratio
+    average: float = 0.0
 
     @property
     def name(self) -> str:
         """Name of its directories."""
         marks = [self.task, *([self.policy] if self.policy != SEEING else [])]
-        given = {"ppo": self.method == "ppo", "free": self.free, "longer": self.longer}
+        given = {"ppo": self.method == "ppo", "free": self.free, f"x{self.ratio:g}": self.ratio != type(self).ratio}
         marks += [mark for mark, is_so in given.items() if is_so]
         return "-".join([*marks, f"seed{self.seed}"])
 
 
 FREE = ("--distill.teacher-collision", "0")
-LONGER = ("--distill.teacher-ratio", "8", "--ppo.average", "0.95")
 PIXELS = 458_752  # samples of PPO from pixels: 13 to 14 minutes of two quiet cores
 RUNS = tuple(Run("mountain", seed) for seed in (0, 1, 2))
 RUNS += tuple(Run("thin", seed, samples=376_832) for seed in (0, 1, 2))
 RUNS += (Run("thin", 0, samples=376_832, free=True),)
 RUNS += tuple(Run("mountain", seed, samples=PIXELS, method="ppo") for seed in (0, 1, 2))
 RUNS += (Run("mountain", 0, "state-only"),)
-RUNS += (Run("mountain", 0, samples=1_000_000, longer=True),)
+RUNS += (Run("mountain", 0, samples=1_000_000, ratio=8.0, average=0.95),)
+RUNS += tuple(Run("mountain", seed, samples=352_256, ratio=16.0, average=0.9) for seed in (0, 1, 2))
 RUNS += tuple(Run(task, 0, samples=376_832) for task in ("moving", "wide", "thin-sphere", "wide-sphere"))
 
 
@@ -68,7 +71,9 @@ def train(run: Run, directory: Path) -> None:
     """Trains the teacher and its pupil, or goes on training."""
     command = ["--task", run.task, "--policy", run.policy, "--method", run.method, "--seed", str(run.seed)]
     command += ["--total-steps", str(run.samples)] if run.samples else []
-    command += [*(FREE if run.free else ()), *(LONGER if run.longer else ())]
+    command += FREE if run.free else ()
+    if run.method == "distill":
+        command += ["--distill.teacher-ratio", str(run.ratio), "--ppo.average", str(run.average)]
     command += ["--out", str(directory)]
     subprocess.run([sys.executable, "-m", "loco_mjx.cli.main", "train", *command], check=True)
 
