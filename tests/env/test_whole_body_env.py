@@ -18,6 +18,7 @@ from loco_mjx.scene import mjcf
 from loco_mjx.simcheck.follow import make_follower
 from loco_mjx.simcheck.sides import WatchedRobot
 from tests.known_robots import A1
+from tests.light import LIGHT
 from tests.refusals import refusal
 
 HORIZON = 30
@@ -29,7 +30,7 @@ RATES = np.array([0.4, 0.3])
 def env():
     config = preset("fast", controller="mpc").env
     blind = dataclasses.replace(config.observation, depth=DepthConfig(enabled=False))
-    return LocoEnv(dataclasses.replace(config, observation=blind, horizon=HORIZON))
+    return LocoEnv(dataclasses.replace(config, observation=blind, horizon=HORIZON, physics=LIGHT))
 
 
 @pytest.fixture(scope="session")

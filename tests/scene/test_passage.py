@@ -18,6 +18,7 @@ from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import COLLISION_MARGIN, OBSTACLE, WALL, Scene
 
 SCENES = 2000
+FAST = {"xla_backend_optimization_level": 3, "xla_llvm_disable_expensive_passes": False}
 ROBOT = 0.354  # m wide
 CORRIDORS = ("thin", "wide", "random-shape", "indoor", "forest")
 SAME = {"thin": ("thin-sphere", "moving", "heightfield"), "wide": ("wide-sphere",)}  # the corridors of another task
@@ -39,7 +40,7 @@ def obstacles(task: str) -> tuple[np.ndarray, np.ndarray, float]:
         return join(boxes.center, trees.center), join(around, radius), kind
 
     keys = jax.random.split(jax.random.PRNGKey(8), SCENES)
-    scenes = jax.jit(lambda keys: jax.lax.map(draw, keys, batch_size=CHUNK))(keys)
+    scenes = jax.jit(lambda keys: jax.lax.map(draw, keys, batch_size=CHUNK), compiler_options=FAST)(keys)
     center, half, kind = jax.tree.map(np.asarray, scenes)
     wall = np.flatnonzero(kind[0] == WALL)
     side = float(np.min(np.abs(center[0, wall, 1]) - half[0, wall, 1])) if wall.size else 5.0

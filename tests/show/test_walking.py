@@ -6,13 +6,14 @@ import numpy as np
 
 from loco_mjx.config import DepthConfig
 from loco_mjx.show.rollout import Agent, Rollout
+from tests.light import LIGHT
 
 
 def test_it_walks_in_the_tasks_scenes():
     agent = Agent("mpc", command=(0.4, 0.0))
     config = agent.env_config("thin")
     blind = dataclasses.replace(config.observation, depth=DepthConfig(enabled=False))
-    rollout = Rollout(agent, dataclasses.replace(config, observation=blind))
+    rollout = Rollout(agent, dataclasses.replace(config, observation=blind, physics=LIGHT))
     first = rollout.reset(3)
     moments = [rollout.step() for _ in range(32)]
     assert not any(moment.done for moment in moments) and rollout.unsolved == 0
