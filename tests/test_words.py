@@ -68,7 +68,8 @@ def test_what_is_said_of_teaching_is_what_came_of_it():
     assert json.loads((summit / "evaluation-mountain.json").read_text())["metrics"]["reached_goal"]["mean"] > 0.8
     last = [committed.rows(summit / name)[-1] for name in ("metrics.csv", "teacher-metrics.csv")]
     assert sum(row["step"] for row in last) <= 9.05e6 and sum(row["time/seconds"] for row in last) < 3600
-    assert "after 9 million, within an hour, it comes to the summit in four of five episodes" in text("README.md")
+    reached = "after 9 million, within an hour, it comes to the summit in four of five episodes (one seed)"
+    assert reached in text("README.md")
     said = (
         "15 million samples: on `mountain` after 3 million, its teacher's included, and on `wide`, which it has never"
     )

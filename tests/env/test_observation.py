@@ -1,6 +1,7 @@
 """The parts of the observation by hand-computed numbers."""
 
 import jax.numpy as jp
+import mujoco
 import numpy as np
 import pytest
 
@@ -12,15 +13,9 @@ from tests.known_robots import A1
 
 
 def _quaternion(roll=0.0, pitch=0.0, yaw=0.0):
-    cr, sr, cp, sp, cy, sy = (f(a / 2) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
-    return jp.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
-    )
+    quat = np.zeros(4)
+    mujoco.mju_euler2Quat(quat, (yaw, pitch, roll), "zyx")
+    return jp.array(quat, jp.float32)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.3])

@@ -34,14 +34,9 @@ def draw_pose(rng: np.random.Generator, scene: Scene) -> np.ndarray:
     place = rng.uniform((COURSE[0], -1.5), (end, 1.5))  # (x, y) = +U(low, high) m
     height = rng.uniform(0.2, 0.45)  # above the ground = +U(0.2, 0.45) m
     # roll, pitch = +U(-0.3, 0.3), yaw = +U(-0.8, 0.8) rad
-    half = 0.5 * rng.uniform(-1.0, 1.0, 3) * [0.3, 0.3, 0.8]
-    (cr, cp, cy), (sr, sp, sy) = np.cos(half), np.sin(half)
-    quat = [
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    ]
+    roll, pitch, yaw = rng.uniform(-1.0, 1.0, 3) * [0.3, 0.3, 0.8]
+    quat = np.zeros(4)
+    mujoco.mju_euler2Quat(quat, (yaw, pitch, roll), "zyx")
     return np.array([*place, under(scene, *place) + height, *quat], np.float32)
 
 

@@ -18,6 +18,7 @@ from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import COLLISION_MARGIN, OBSTACLE, WALL, Scene
 
 SCENES = 2000
+# Generating so many takes longer than compiling for speed does.
 FAST = {"xla_backend_optimization_level": 3, "xla_llvm_disable_expensive_passes": False}
 ROBOT = 0.354  # m wide
 CORRIDORS = ("thin", "wide", "random-shape", "indoor", "forest")
