@@ -77,6 +77,8 @@ def _method(config: dict[str, Any], metrics: dict[str, Any]) -> str:
         marks.append(f"× {distill['teacher_ratio']:g}")
     if config["ppo"].get("average", 0.0):
         marks.append("mean")
+    if config["ppo"]["learning_rate_decay"]:
+        marks.append("falling")
     return ", ".join(["distill", *marks])
 
 
