@@ -18,7 +18,7 @@ from loco_mjx.errors import UserError
 from loco_mjx.ppo.multi_seed import SeedsTrainer
 from loco_mjx.ppo.trainer import Trainer
 from loco_mjx.robots import DEFAULT
-from loco_mjx.run import machine
+from loco_mjx.run import machine, settings
 from loco_mjx.sharding import AXIS, make_mesh, shard_map
 
 WINDOW = 32  # control steps in one call of the environment's benchmark
@@ -34,16 +34,10 @@ def bench_config(
     Raises:
         UserError: if a name is unknown or sizes do not divide.
     """
-    from loco_mjx.networks.policies import make_networks
-    from loco_mjx.networks.registry import POLICIES
-
     base = preset("fast", robot, controller)
     ppo = base.ppo if num_envs is None else dataclasses.replace(base.ppo, num_envs=num_envs)
-    make_networks(policy, base.network, base.env.action_size)  # refuses unknown names
-    depth = dataclasses.replace(base.env.observation.depth, enabled=POLICIES[policy].uses_depth)
-    observation = dataclasses.replace(base.env.observation, depth=depth)
-    env = dataclasses.replace(base.env, task=task, observation=observation)
-    return dataclasses.replace(base, policy=policy, env=env, ppo=ppo)
+    env = dataclasses.replace(base.env, task=task)
+    return settings.complete(dataclasses.replace(base, policy=policy, env=env, ppo=ppo))
 
 
 def bench_env(config: Config, seconds: float) -> Result:

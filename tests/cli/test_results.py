@@ -9,6 +9,9 @@ import pytest
 from loco_mjx.bench import training
 from loco_mjx.cli import bench as bench_cli
 from loco_mjx.cli.main import main
+from loco_mjx.env import LocoEnv
+from loco_mjx.networks.registry import POLICIES
+from loco_mjx.ppo.trainer import Trainer
 from loco_mjx.run import checkpoint, directory, run_log
 from tests.refusals import clear, says
 from tests.run.tiny import TinyEnv, tiny_config, tiny_trainer
@@ -132,6 +135,13 @@ def test_bench_of_environment_and_training(monkeypatch):
     assert parts == pytest.approx(learning["iteration_seconds"])
     assert learning["per_second"] == pytest.approx(32 / learning["iteration_seconds"])
     assert 0 < learning["startup_seconds"] < 24 * 3600
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_bench_trains_every_policy_on_what_it_observes(policy):
+    config = training.bench_config("thin", policy, None)
+    Trainer(config, LocoEnv(config.env))  # refuses a policy without its observations
+    assert config.env.observation.depth.enabled == POLICIES[policy].uses_depth
 
 
 @pytest.mark.parametrize("content", ["{", "[]", "{}", '{"task": "thin", "metrics": [1]}', '"thin"'])

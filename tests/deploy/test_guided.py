@@ -123,6 +123,6 @@ def test_an_exported_policy_gives_the_same_commands(tmp_path):
     manifest = folder.read(tmp_path)
     given = {name: rng.uniform(-1, 1, shape).astype(np.float32) for name, shape in manifest.shapes.items()}
     commands = Session(manifest, tmp_path)(given)
-    np.testing.assert_allclose(commands, export.target_function(made)(*given.values()), atol=1e-5)
+    np.testing.assert_allclose(commands, jax.jit(export.target_function(made))(*given.values()), atol=1e-5)
     assert commands.shape == (2,) and (np.abs(commands) <= [0.4, 0.3]).all() and np.abs(commands).max() > 1e-3
     assert trained.load(tmp_path).config.env.controller == "mpc"

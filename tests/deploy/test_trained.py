@@ -46,7 +46,7 @@ def test_what_was_exported_comes_back(exported):
     assert back.samples == policy.samples
     jax.tree.map(np.testing.assert_array_equal, back.params, policy.params)
     views = [made.observations(20)[name] for name in export.inputs(policy)]
-    expected, found = (np.asarray(export.target_function(which)(*views)) for which in (policy, back))
+    expected, found = (np.asarray(jax.jit(export.target_function(which))(*views)) for which in (policy, back))
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
@@ -60,7 +60,7 @@ def test_a_critic_may_be_left_out_and_nothing_else(exported, tmp_path):
         trained.load(where)
     _sign(where, folder.PARAMETERS)
     views = [made.observations(20)[name] for name in export.inputs(trained.load(exported))]
-    expected, found = (np.asarray(export.target_function(trained.load(at))(*views)) for at in (exported, where))
+    expected, found = (np.asarray(jax.jit(export.target_function(trained.load(at)))(*views)) for at in (exported, where))
     np.testing.assert_array_equal(found, expected)
     kept.pop("state_token/bias")
     np.savez(where / folder.PARAMETERS, **kept)

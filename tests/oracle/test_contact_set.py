@@ -12,6 +12,7 @@ import pytest
 
 from loco_mjx.config import PhysicsConfig
 from loco_mjx.physics import collision, kinematics
+from loco_mjx.physics.xla import FusionBarrier
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import Task, get_task
@@ -47,16 +48,18 @@ def _near(scene, qpos: np.ndarray) -> collision.Candidates:
 
 
 @functools.partial(jax.jit, static_argnames="obstacle_slots")
-def _held(near: collision.Candidates, qpos: jax.Array, obstacle_slots: int) -> tuple[jax.Array, jax.Array]:
+def _held(
+    near: collision.Candidates, qpos: jax.Array, always: jax.Array, obstacle_slots: int
+) -> tuple[jax.Array, jax.Array]:
     """(POSES, 22) each sphere's smallest distance to what its slots hold; (POSES,) whether obstacles are touched."""
     point = kinematics.sphere_centers(A1, qpos.T)
-    held = collision.narrowphase(lambda f, *args: f(*args), near, A1, point, obstacle_slots)
+    held = collision.narrowphase(FusionBarrier(always), near, A1, point, obstacle_slots)
     feet, knees = (jp.min(jp.stack([p.distance for p in planes]), axis=0) for planes in (held.feet, held.knees))
     return jp.concatenate([feet, held.hips.distance, knees, held.calves.distance, held.trunk.distance]).T, held.hit
 
 
 def _ours(task: Task, scene, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    distance, hit = _held(_near(scene, qpos), jp.array(qpos), task.obstacle_slots)
+    distance, hit = _held(_near(scene, qpos), jp.array(qpos), jp.array(True), task.obstacle_slots)
     return np.array(distance), np.array(hit)
 
 

@@ -1,4 +1,4 @@
-"""Physics against C MuJoCo with its solver converged: accelerations, trajectories, a walk through full scenes."""
+"""Physics, its solver as users have it, against C MuJoCo, whose is converged: steps, paths, a walk through a scene."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ from loco_mjx.scene.types import OBSTACLE, STEP
 from tests.known_robots import A1
 from tests.physics import world
 from tests.physics.world import (
-    CONVERGED,
     c_rollout,
     flat_c_model,
     nominal,
@@ -88,12 +87,13 @@ def test_random_states_move_as_in_c(mass, inertia, friction):
         picked = range(first, first + world.BATCH)
         starts = [PhysicsState(*(jp.asarray(x, jp.float32) for x in (qpos[i], qvel[i], np.zeros(18)))) for i in picked]
         wide = targets[first : first + world.BATCH, None]
-        states, _ = rollout(starts, [scene()], wide, [how], CONVERGED)
+        states, _ = rollout(starts, [scene()], wide, [how])
         for i, n in enumerate(picked):
             after = _c_step(c_model, qpos[n], qvel[n], targets[n])
             errors.append(np.abs(states.qpos[i, 0] - after).max() / np.abs(after - qpos[n]).max())
-    assert np.median(errors) < 1e-4
-    assert np.max(errors) < 5e-3
+    *equal, worst = np.sort(errors)
+    assert max(equal) < 5e-6
+    assert worst < 0.01  # one state may be beyond the solver's iterations: those of training
 
 
 def _spheres_in_corners(model: mujoco.MjModel, data: mujoco.MjData) -> set[str]:
@@ -147,7 +147,7 @@ def test_a_knee_on_the_ground_leans_against_a_wall_as_in_c():
     picked = picked[: world.BATCH]
     assert len(picked) == world.BATCH
     starts = [PhysicsState(*(jp.asarray(x, jp.float32) for x in (qpos[i], qvel[i], np.zeros(18)))) for i in picked]
-    states, _ = rollout(starts, [full], targets[picked][:, None], None, CONVERGED)
+    states, _ = rollout(starts, [full], targets[picked][:, None])
     for ours, n in zip(states.qpos[:, 0], picked, strict=True):
         after = _c_step(c_model, qpos[n], qvel[n], targets[n])
         assert np.abs(ours - after).max() / np.abs(after - qpos[n]).max() < 5e-3
@@ -159,7 +159,7 @@ def test_a_foot_stands_on_the_two_edges_of_a_gap_as_in_c():
     full = scene([{"center": (middle + side * 0.415, 0.0, 0.1), "half": (0.4, 0.5, 0.1)} for side in (-1, 1)])
     start, targets = standing(height=0.2 + A1.stand_height), world.still(10)
     theirs = c_rollout(scene_spec(full, A1).compile(), start, targets, *GAIT)
-    ours, _ = rollout([start], [full], targets, [_gait()], CONVERGED)
+    ours, _ = rollout([start], [full], targets, [_gait()])
     np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-3)
 
 
@@ -170,7 +170,7 @@ def test_a_foot_squeezed_by_two_blocks_feels_both_as_in_c():
     targets, shove = world.still(10), 0.4 * np.eye(18)[0]
     theirs = c_rollout(scene_spec(full, A1).compile(), standing(), targets, *GAIT, qvel=shove)
     start = PhysicsState(jp.asarray(standing()), jp.asarray(shove, jp.float32), jp.zeros(18))
-    ours, _ = rollout([start], [full], targets, [_gait()], CONVERGED)
+    ours, _ = rollout([start], [full], targets, [_gait()])
     np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-3)
 
 
@@ -191,7 +191,7 @@ def test_feet_slide_as_far_as_in_c(friction):
     c_model.geom_friction[:, 0] = friction
     theirs = c_rollout(c_model, qpos, world.still(12), qvel=qvel)
     start = PhysicsState(jp.asarray(qpos), jp.asarray(qvel, jp.float32), jp.zeros(18))
-    ours, _ = rollout([start], [scene()], world.still(12), [nominal(friction=friction)], CONVERGED)
+    ours, _ = rollout([start], [scene()], world.still(12), [nominal(friction=friction)])
     np.testing.assert_allclose(ours.qpos[0, -1, :3], theirs[-1, :3], atol=1e-4)
 
 

@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jp
 import numpy as np
 import pytest
 
 from loco_mjx.config import PhysicsConfig
-from loco_mjx.physics.collision import broadphase, narrowphase
+from loco_mjx.physics import shapes
+from loco_mjx.physics.collision import ContactSlots, broadphase, narrowphase
 from loco_mjx.physics.kinematics import centers, pose
-from loco_mjx.physics.shapes import (
-    Box,
-    Cylinder,
-    box_distance,
-    box_plane,
-    cylinder_distance,
-    cylinder_plane,
-    ground_plane,
-)
+from loco_mjx.physics.shapes import Box, Cylinder
 from loco_mjx.physics.xla import FusionBarrier
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import TASKS
-from loco_mjx.scene.types import OBSTACLE, STEP, WALL, Terrain
+from loco_mjx.scene.types import OBSTACLE, STEP, WALL, Scene, Terrain
 from tests.known_robots import A1
 from tests.physics.world import scene, standing
 
 CORNER = 1 / np.sqrt(3)
+
+_near = jax.jit(lambda world, qpos, config: broadphase(world, A1, qpos, config), static_argnums=2)
+box_distance, box_plane, ground_plane = (jax.jit(f) for f in (shapes.box_distance, shapes.box_plane, shapes.ground_plane))
+cylinder_distance, cylinder_plane = (jax.jit(f) for f in (shapes.cylinder_distance, shapes.cylinder_plane))
 
 
 def _point(*values: float) -> tuple[jax.Array, ...]:
@@ -109,7 +108,7 @@ def test_near_keeps_the_boxes_whose_surfaces_are_nearest():
     long = {"center": (0.0, 3.0, 0.0), "half": (30.0, 0.1, 1.0), "kind": WALL}  # centre far, side near: 2.85 m
     small = [{"center": (x, 0.0, 0.0), "half": (0.1, 0.1, 1.0), "kind": OBSTACLE} for x in (29.0, 33.5, 40.0)]
     world = scene([long, *small], [{"center": (30.0, 1.0, 0.0), "radius": 0.2, "half_height": 1.0}])
-    picked = broadphase(world, A1, jp.asarray(standing(30.0)), PhysicsConfig(near_boxes=2, near_cylinders=5))
+    picked = _near(world, jp.asarray(standing(30.0)), PhysicsConfig(near_boxes=2, near_cylinders=5))
     np.testing.assert_allclose(picked.boxes.center[:, 0], [29.0, 0.0])
     # Obstacles' contact boxes are 5 cm larger per side in x and y.
     np.testing.assert_allclose(picked.boxes.half[0], [0.15, 0.15, 1.0], rtol=1e-6)
@@ -122,10 +121,10 @@ def test_near_is_what_is_near_a_foot_not_what_is_near_the_trunk():
     stones = [{"center": (x, y, 0.05), "half": (0.05, 0.05, 0.05)} for x in (-0.183, 0.183) for y in (-0.13, 0.13)]
     blocks = [{"center": (x, 0.0, 0.1), "half": (0.04, 0.04, 0.1)} for x in (-0.05, 0.0, 0.05)]
     robot = jp.asarray(standing(height=0.1 + A1.stand_height))
-    all_of_them = broadphase(scene([*blocks, *stones]), A1, robot, PhysicsConfig())
+    all_of_them = _near(scene([*blocks, *stones]), robot, PhysicsConfig())
     assert all_of_them.dropped == 0
     assert np.sum(np.abs(all_of_them.boxes.center[:, 0]) < 1.0) == 7
-    four = broadphase(scene([*blocks, *stones]), A1, robot, PhysicsConfig(near_boxes=4))
+    four = _near(scene([*blocks, *stones]), robot, PhysicsConfig(near_boxes=4))
     np.testing.assert_allclose(np.abs(four.boxes.center[:, 0]), 0.183, rtol=1e-6)
 
 
@@ -135,12 +134,12 @@ def test_what_is_left_out_within_reach_is_counted():
     ]
     trees = [{"center": (x, 0.0, 0.3), "radius": 0.05, "half_height": 0.3} for x in (-0.2, -0.1, 0.1, 0.2, 9.0)]
     robot, far = jp.asarray(standing()), jp.asarray(standing(x=5.0))
-    within = [int(broadphase(scene([box], trees[4:]), A1, robot, PhysicsConfig(near_boxes=0)).dropped) for box in ring]
+    within = [int(_near(scene([box], trees[4:]), robot, PhysicsConfig(near_boxes=0)).dropped) for box in ring]
     assert 3 < sum(within) < len(ring)
-    counted = broadphase(scene(ring, trees), A1, robot, PhysicsConfig(near_boxes=3, near_cylinders=2)).dropped
+    counted = _near(scene(ring, trees), robot, PhysicsConfig(near_boxes=3, near_cylinders=2)).dropped
     assert counted == sum(within) - 3 + 2
-    assert broadphase(scene(ring, trees), A1, robot, PhysicsConfig(near_boxes=10, near_cylinders=4)).dropped == 0
-    assert broadphase(scene(ring, trees), A1, far, PhysicsConfig(near_boxes=1, near_cylinders=1)).dropped == 0
+    assert _near(scene(ring, trees), robot, PhysicsConfig(near_boxes=10, near_cylinders=4)).dropped == 0
+    assert _near(scene(ring, trees), far, PhysicsConfig(near_boxes=1, near_cylinders=1)).dropped == 0
 
 
 @pytest.mark.parametrize("task", ["wide", "moving", "heightfield", "random-shape", "indoor", "forest", "stairs"])
@@ -162,11 +161,15 @@ def test_no_task_has_more_near_the_robot_than_is_felt(task):
 
 def _touch(boxes: list[dict], trees: list[dict] = (), slots: int = 1, height: float = 1.0):
     """ContactSlots of one robot in the default pose, its trunk at `height`, over boxes; environments' axis dropped."""
-    picked = broadphase(scene(boxes, trees), A1, jp.asarray(standing(height=height)), PhysicsConfig())
+    return _slots(scene(boxes, trees), jp.asarray(standing(height=height)), slots)
+
+
+@partial(jax.jit, static_argnums=2)
+def _slots(world: Scene, qpos: jax.Array, slots: int) -> ContactSlots:
+    picked = broadphase(world, A1, qpos, PhysicsConfig())
     last = jax.tree.map(lambda x: x[..., None], picked)
     return jax.tree.map(
-        lambda x: x[..., 0],
-        narrowphase(FusionBarrier(), last, A1, centers(A1, pose(A1, standing(height=height)[:, None])), slots),
+        lambda x: x[..., 0], narrowphase(FusionBarrier(), last, A1, centers(A1, pose(A1, qpos[:, None])), slots)
     )
 
 

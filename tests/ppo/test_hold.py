@@ -42,11 +42,16 @@ def held():
 
 
 def _recomputed(held, period):
-    networks, statistics, params, rollout = held
-    observation = experience(rollout, statistics, PPOConfig(), period).observation(jp.arange(STEPS * ENVS))
-    outputs = networks.apply(params, observation)
-    log_prob = distribution.log_prob(rollout.action.reshape(-1, 2), outputs.mean, outputs.log_std)
-    return np.array(log_prob.reshape(STEPS, ENVS)), observation[DEPTH].reshape(STEPS, ENVS, 8, 8, 4)
+    networks, *window = held
+
+    @jax.jit
+    def recompute(statistics, params, rollout):
+        observation = experience(rollout, statistics, PPOConfig(), period).observation(jp.arange(STEPS * ENVS))
+        outputs = networks.apply(params, observation)
+        log_prob = distribution.log_prob(rollout.action.reshape(-1, 2), outputs.mean, outputs.log_std)
+        return log_prob.reshape(STEPS, ENVS), observation[DEPTH].reshape(STEPS, ENVS, 8, 8, 4)
+
+    return jax.tree.map(np.asarray, recompute(*window))
 
 
 def test_recomputed_log_probabilities_match(held):

@@ -12,11 +12,14 @@ from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
 
 SIZE = 64
+# Generating many takes longer than compiling for speed does.
+FAST = {"xla_backend_optimization_level": 3, "xla_llvm_disable_expensive_passes": False}
 
 
 @cache
 def pool(task: str, size: int = SIZE) -> Scene:
-    return jax.tree.map(np.asarray, make_pool(jax.random.PRNGKey(3), get_task(task), size))
+    make = jax.jit(lambda key: make_pool(key, get_task(task), size), compiler_options=FAST if size > SIZE else None)
+    return jax.tree.map(np.asarray, make(jax.random.PRNGKey(3)))
 
 
 def one(task: str, index: int = 0) -> Scene:

@@ -16,10 +16,9 @@ from loco_mjx.scene.passage import closing, opened
 from loco_mjx.scene.pool import CHUNK
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import COLLISION_MARGIN, OBSTACLE, WALL, Scene
+from tests.scene.scenes import FAST
 
 SCENES = 2000
-# Generating so many takes longer than compiling for speed does.
-FAST = {"xla_backend_optimization_level": 3, "xla_llvm_disable_expensive_passes": False}
 ROBOT = 0.354  # m wide
 CORRIDORS = ("thin", "wide", "random-shape", "indoor", "forest")
 SAME = {"thin": ("thin-sphere", "moving", "heightfield"), "wide": ("wide-sphere",)}  # the corridors of another task
