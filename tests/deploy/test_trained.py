@@ -60,7 +60,8 @@ def test_a_critic_may_be_left_out_and_nothing_else(exported, tmp_path):
         trained.load(where)
     _sign(where, folder.PARAMETERS)
     views = [made.observations(20)[name] for name in export.inputs(trained.load(exported))]
-    expected, found = (np.asarray(jax.jit(export.target_function(trained.load(at)))(*views)) for at in (exported, where))
+    both = (trained.load(at) for at in (exported, where))
+    expected, found = (np.asarray(jax.jit(export.target_function(policy))(*views)) for policy in both)
     np.testing.assert_array_equal(found, expected)
     kept.pop("state_token/bias")
     np.savez(where / folder.PARAMETERS, **kept)

@@ -24,8 +24,9 @@ from tests.physics.world import scene, standing
 CORNER = 1 / np.sqrt(3)
 
 _near = jax.jit(lambda world, qpos, config: broadphase(world, A1, qpos, config), static_argnums=2)
-box_distance, box_plane, ground_plane = (jax.jit(f) for f in (shapes.box_distance, shapes.box_plane, shapes.ground_plane))
-cylinder_distance, cylinder_plane = (jax.jit(f) for f in (shapes.cylinder_distance, shapes.cylinder_plane))
+box_distance, box_plane = jax.jit(shapes.box_distance), jax.jit(shapes.box_plane)
+cylinder_distance, cylinder_plane = jax.jit(shapes.cylinder_distance), jax.jit(shapes.cylinder_plane)
+ground_plane = jax.jit(shapes.ground_plane)
 
 
 def _point(*values: float) -> tuple[jax.Array, ...]:
