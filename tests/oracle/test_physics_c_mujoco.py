@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jp
@@ -14,20 +16,19 @@ from loco_mjx.config import RandomizationConfig
 from loco_mjx.deploy.terrain_contacts import TerrainContacts
 from loco_mjx.physics.compiled import compiled
 from loco_mjx.physics.links import links
-from loco_mjx.physics.step import Dynamics, PhysicsState, initial_state, nominal_dynamics
+from loco_mjx.physics.step import Dynamics, PhysicsState, SubstepTrace, initial_state, nominal_dynamics
 from loco_mjx.robots import LEGS
 from loco_mjx.robots.motor import motor_torque
 from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import get_task
-from loco_mjx.scene.types import OBSTACLE, STEP
+from loco_mjx.scene.types import OBSTACLE, STEP, Scene
 from tests.known_robots import A1
 from tests.physics import world
 from tests.physics.world import (
     c_rollout,
     flat_c_model,
     nominal,
-    rollout,
     scene,
     standing,
     trot_targets,
@@ -36,6 +37,20 @@ from tests.physics.world import (
 pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
 
 GAIT = (world.GAIT_KP, world.GAIT_KD)
+
+_heightfield = jax.jit(get_task("heightfield").generate)
+
+
+def _rough(number: int) -> Scene:
+    """Ground with blocks up to 5 cm high, nothing else near."""
+    return scene(terrain=_heightfield(jax.random.PRNGKey(number)).terrain)
+
+
+def _rollout(starts: Any, worlds: Sequence[Scene], *more: Any) -> tuple[PhysicsState, SubstepTrace]:
+    """world.rollout with one program for all: what is flat is a heightfield of zeros. (A Go1 trots on the plane.)"""
+    shapes = jax.eval_shape(_heightfield, jax.random.PRNGKey(0)).terrain
+    flat = jax.tree.map(lambda leaf: jp.zeros(leaf.shape, leaf.dtype), shapes)
+    return world.rollout(starts, [w if w.terrain is not None else w.replace(terrain=flat) for w in worlds], *more)
 
 
 def _gait() -> Dynamics:
@@ -87,7 +102,7 @@ def test_random_states_move_as_in_c(mass, inertia, friction):
         picked = range(first, first + world.BATCH)
         starts = [PhysicsState(*(jp.asarray(x, jp.float32) for x in (qpos[i], qvel[i], np.zeros(18)))) for i in picked]
         wide = targets[first : first + world.BATCH, None]
-        states, _ = rollout(starts, [scene()], wide, [how])
+        states, _ = _rollout(starts, [scene()], wide, [how])
         for i, n in enumerate(picked):
             after = _c_step(c_model, qpos[n], qvel[n], targets[n])
             errors.append(np.abs(states.qpos[i, 0] - after).max() / np.abs(after - qpos[n]).max())
@@ -147,7 +162,7 @@ def test_a_knee_on_the_ground_leans_against_a_wall_as_in_c():
     picked = picked[: world.BATCH]
     assert len(picked) == world.BATCH
     starts = [PhysicsState(*(jp.asarray(x, jp.float32) for x in (qpos[i], qvel[i], np.zeros(18)))) for i in picked]
-    states, _ = rollout(starts, [full], targets[picked][:, None])
+    states, _ = _rollout(starts, [full], targets[picked][:, None])
     for ours, n in zip(states.qpos[:, 0], picked, strict=True):
         after = _c_step(c_model, qpos[n], qvel[n], targets[n])
         assert np.abs(ours - after).max() / np.abs(after - qpos[n]).max() < 5e-3
@@ -159,7 +174,7 @@ def test_a_foot_stands_on_the_two_edges_of_a_gap_as_in_c():
     full = scene([{"center": (middle + side * 0.415, 0.0, 0.1), "half": (0.4, 0.5, 0.1)} for side in (-1, 1)])
     start, targets = standing(height=0.2 + A1.stand_height), world.still(10)
     theirs = c_rollout(scene_spec(full, A1).compile(), start, targets, *GAIT)
-    ours, _ = rollout([start], [full], targets, [_gait()])
+    ours, _ = _rollout([start], [full], targets, [_gait()])
     np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-3)
 
 
@@ -170,7 +185,7 @@ def test_a_foot_squeezed_by_two_blocks_feels_both_as_in_c():
     targets, shove = world.still(10), 0.4 * np.eye(18)[0]
     theirs = c_rollout(scene_spec(full, A1).compile(), standing(), targets, *GAIT, qvel=shove)
     start = PhysicsState(jp.asarray(standing()), jp.asarray(shove, jp.float32), jp.zeros(18))
-    ours, _ = rollout([start], [full], targets, [_gait()])
+    ours, _ = _rollout([start], [full], targets, [_gait()])
     np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-3)
 
 
@@ -178,20 +193,20 @@ def test_trot_on_flat_ground_follows_c():
     """Drift from C over 20 control steps (320 physics steps)."""
     targets = trot_targets(20)
     theirs = c_rollout(flat_c_model(), standing(), targets, *GAIT)
-    ours, _ = rollout([standing()], [scene()], targets, [_gait()])
+    ours, _ = _rollout([standing()], [scene()], targets, [_gait()])
     assert _error(ours.qpos[0], theirs).max() < 1e-5
 
 
 @pytest.mark.parametrize("friction", [0.2, 0.6])
 def test_feet_slide_as_far_as_in_c(friction):
     """Pushed to 0.5 m/s. Sliding is what few iterations get wrong: they hold the feet more than friction would."""
-    settled, _ = rollout([standing()], [scene()], world.still(20))
+    settled, _ = _rollout([standing()], [scene()], world.still(20))
     qpos, qvel = settled.qpos[0, -1], settled.qvel[0, -1] + 0.5 * np.eye(18)[0]
     c_model = flat_c_model()
     c_model.geom_friction[:, 0] = friction
     theirs = c_rollout(c_model, qpos, world.still(12), qvel=qvel)
     start = PhysicsState(jp.asarray(qpos), jp.asarray(qvel, jp.float32), jp.zeros(18))
-    ours, _ = rollout([start], [scene()], world.still(12), [nominal(friction=friction)])
+    ours, _ = _rollout([start], [scene()], world.still(12), [nominal(friction=friction)])
     np.testing.assert_allclose(ours.qpos[0, -1, :3], theirs[-1, :3], atol=1e-4)
 
 
@@ -209,7 +224,7 @@ def test_a_slide_of_two_seconds_ends_where_it_does_in_c():
             PhysicsState(*(jp.asarray(x, jp.float32) for x in (standing(), velocity[i], np.zeros(18)))) for i in picked
         ]
         hows = [nominal_dynamics(*GAIT, friction=frictions[i]) for i in picked]
-        ours, _ = rollout(starts, [scene()], targets[picked], hows)
+        ours, _ = _rollout(starts, [scene()], targets[picked], hows)
         for i, n in enumerate(picked):
             c_model = flat_c_model()
             c_model.geom_friction[:, 0] = frictions[n]
@@ -222,7 +237,7 @@ def test_a_slide_of_two_seconds_ends_where_it_does_in_c():
 def test_landing_follows_c():
     targets = world.still(30)
     theirs = c_rollout(flat_c_model(), standing(height=0.4), targets)
-    ours, _ = rollout([standing(height=0.4)], [scene()], targets)
+    ours, _ = _rollout([standing(height=0.4)], [scene()], targets)
     np.testing.assert_allclose(ours.qpos[0], theirs, atol=2e-4)
 
 
@@ -236,7 +251,7 @@ def test_distance_walked_in_a_full_scene():
     full = scene(things, [{"center": (0.5, 0.6, 0.5), "radius": 0.1, "half_height": 0.5}])
     targets = trot_targets(100)
     theirs = c_rollout(scene_spec(full, A1).compile(), standing(), targets, *GAIT)
-    ours, _ = rollout([standing(), standing()], [full, scene()], targets, [_gait()])
+    ours, _ = _rollout([standing(), standing()], [full, scene()], targets, [_gait()])
     assert theirs[-1, 0] > 0.8
     assert ours.qpos[0, -1, 0] == pytest.approx(theirs[-1, 0], rel=0.1)
     assert np.abs(ours.qpos[0, :, 2] - theirs[:, 2]).mean() < 0.01
@@ -248,7 +263,7 @@ def test_pushing_against_a_box_ends_where_it_does_in_c():
     box = scene([{"center": (0.7, 0.0, 0.5), "half": (0.1, 1.0, 0.5), "kind": OBSTACLE}])
     targets = trot_targets(60)
     theirs = c_rollout(scene_spec(box, A1).compile(), standing(), targets, *GAIT)
-    ours, outcome = rollout([standing()], [box], targets, [_gait()])
+    ours, outcome = _rollout([standing()], [box], targets, [_gait()])
     assert outcome.obstacle_contact[0].any()
     assert abs(ours.qpos[0, -1, 0] - theirs[-1, 0]) < 0.05
     assert ours.qpos[0, -1, 0] < 0.7 - 0.1 - 0.05
@@ -266,11 +281,11 @@ def test_states_are_the_same_robot():
 
 def test_hard_landings_on_rough_ground_are_cs_with_the_same_planes():
     """C's own prisms push a deep foot sideways: on the same ground they lead elsewhere."""
-    worlds = [jax.jit(get_task("heightfield").generate)(jax.random.PRNGKey(i)) for i in range(world.BATCH)]
+    worlds = [_rough(i) for i in range(world.BATCH)]
     velocity, targets = np.eye(18)[0] - 3.0 * np.eye(18)[2], world.still(5)
     starts = [standing(1.6, 0.3 * i - 0.5, 0.06 + A1.stand_height) for i in range(world.BATCH)]
     states = [PhysicsState(jp.asarray(q), jp.asarray(velocity, jp.float32), jp.zeros(18)) for q in starts]
-    ours, _ = rollout(states, worlds, targets, [_gait()] * world.BATCH)
+    ours, _ = _rollout(states, worlds, targets, [_gait()] * world.BATCH)
     with_planes, with_prisms = [], []
     for found, start, one in zip(ours.qpos, starts, worlds, strict=True):
         c_model = scene_spec(one, A1).compile()
@@ -287,16 +302,15 @@ def test_distance_walked_over_a_heightfield():
     Single walks part after a stumble; their mean, and how high the trunk is carried, must not. (Over 48 walks
     the means are 0.403 m and, in C, 0.388 m; each spreads by 0.12 m.)
     """
-    generate = jax.jit(get_task("heightfield").generate)
     targets = trot_targets(60)
     ours, theirs = [], []
     for first in range(0, 3 * world.BATCH, world.BATCH):
-        worlds = [generate(jax.random.PRNGKey(first + i)) for i in range(world.BATCH)]
+        worlds = [_rough(first + i) for i in range(world.BATCH)]
         starts = []
         for i, one in enumerate(worlds):
             x, y = jp.float32(1.2), jp.float32(0.3 * i - 0.5)  # the ground is flat up to 1.2 m from the origin
             starts.append(standing(float(x), float(y), float(ground_height(one, x, y)) + A1.stand_height + 0.01))
-        ours.append(rollout(starts, worlds, targets, [_gait()])[0].qpos)
+        ours.append(_rollout(starts, worlds, targets, [_gait()])[0].qpos)
         theirs += [
             c_rollout(scene_spec(w, A1).compile(), s, targets, *GAIT) for w, s in zip(worlds, starts, strict=True)
         ]

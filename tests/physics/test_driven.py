@@ -28,7 +28,7 @@ def hold(memory, physics, contacts):
 @pytest.fixture(scope="module")
 def driven():
     """Robots that stand, drop from 0.3 m, and follow a target, under the controller: states, traces and facts."""
-    model, flat = world.physics(world.DEFAULT), world.batch([world.scene()])
+    model, flat = world.physics(), world.batch([world.scene()])
     starts = [world.standing(), world.standing(height=A1.stand_height + 0.3), world.standing(), world.standing()]
     targets = np.tile(np.array(A1.default_pose, np.float32), (4, 1))
     targets[2:] += 0.2

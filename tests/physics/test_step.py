@@ -10,13 +10,14 @@ import jax.numpy as jp
 import numpy as np
 import pytest
 
+from loco_mjx.config import PhysicsConfig
 from loco_mjx.physics.kinematics import sphere_centers
+from loco_mjx.physics.model import build
 from loco_mjx.physics.step import PhysicsState, control_step, initial_state, nominal_dynamics
 from loco_mjx.scene.types import OBSTACLE, STEP, WALL
 from tests.known_robots import A1
 from tests.physics.world import (
     BATCH,
-    DEFAULT,
     GAIT_KD,
     GAIT_KP,
     nominal,
@@ -172,10 +173,10 @@ def test_joint_limits_hold():
 def test_one_environment_is_what_a_batch_of_it_is():
     world, target = scene([{"center": (0.3, 0.1, 0.05), "half": (0.2, 0.2, 0.05)}]), jp.asarray(trot_targets(3)[2])
     state = initial_state(standing(height=0.29))
-    model = physics(DEFAULT)
+    model = physics()
     alone = jax.jit(lambda *args: control_step(model, *args))(state, world, target, nominal())
     spread = lambda tree: jax.tree.map(lambda x: jp.broadcast_to(x, (BATCH, *jp.shape(x))), tree)  # noqa: E731
-    many = stepper(DEFAULT)(spread(state), spread(world), spread(target), spread(nominal()))
+    many = stepper()(spread(state), spread(world), spread(target), spread(nominal()))
     # Not to the last bit: another program rounds otherwise, and a landing magnifies it.
     for name, tolerance in {"qpos": 2e-3, "qvel": 0.1}.items():
         np.testing.assert_allclose(getattr(alone[0], name), getattr(many[0], name)[1], atol=tolerance)
@@ -195,7 +196,7 @@ def test_a_broken_environment_stays_broken_and_alone():
 
 def test_states_keep_their_types():
     state, world, how = initial_state(standing()), scene(), nominal()
-    model = physics(DEFAULT)
+    model = physics()
     after, outcome = jax.eval_shape(lambda *args: control_step(model, *args), state, world, jp.zeros(12), how)
     for before, new in zip(jax.tree.leaves(state), jax.tree.leaves(after), strict=True):
         assert (new.shape, new.dtype, new.weak_type) == (before.shape, before.dtype, False)
@@ -206,7 +207,7 @@ def test_states_keep_their_types():
 def test_no_lapack():
     """Two CPU devices that call LAPACK at once can wait for each other for ever (jaxlib 0.10); physics must not."""
     start = jax.tree.map(lambda x: jp.stack([x] * BATCH), (initial_state(standing()), scene(), nominal()))
-    lowered = stepper(DEFAULT).lower(start[0], start[1], jp.zeros((BATCH, 12)), start[2])
+    lowered = stepper().lower(start[0], start[1], jp.zeros((BATCH, 12)), start[2])
     assert "lapack" not in lowered.as_text()
 
 
@@ -221,10 +222,11 @@ def _shapes(program):
 
 def test_seeds_of_environments_are_one_larger_batch():
     """Two nested vmaps compute with all environments on the last axis: no loop over seeds, no axis of their own."""
+    model = build(A1, PhysicsConfig(iterations=1, ls_iterations=1, more_iterations=1))
 
     def step(state, scene):
         targets, dynamics = jp.asarray(still(1)[0]), nominal()
-        return control_step(physics((1, 1, 1)), state, scene, targets, dynamics)
+        return control_step(model, state, scene, targets, dynamics)
 
     one = (initial_state(standing()), scene())
     nested = jax.tree.map(lambda x: jp.broadcast_to(x, (5, 7, *jp.shape(x))), one)

@@ -21,11 +21,6 @@ from tests.known_robots import A1
 BATCH = 4  # environments in every rollout, so that the tests share one compiled program
 BOXES, TREES = 9, 1  # likewise
 AWAY = (500.0, 500.0, 0.0)
-# Solver and line-search iterations, and more for who needs them: what users get; always enough.
-Iterations = tuple[int, int, int]
-_USERS = PhysicsConfig()
-DEFAULT: Iterations = (_USERS.iterations, _USERS.ls_iterations, _USERS.more_iterations)
-CONVERGED: Iterations = (20, 12, 0)
 
 PERIOD = 0.4  # s
 STRIDE, LIFT, HEIGHT = 0.06, 0.05, 0.25  # m: half a stride, how high a foot swings, hips over feet
@@ -85,16 +80,15 @@ def standing(x: float = 0.0, y: float = 0.0, height: float = A1.stand_height) ->
 
 
 @functools.cache
-def physics(iterations: Iterations) -> PhysicsModel:
-    """The physics with a solver's settings."""
-    every, line, more = iterations
-    return build(A1, PhysicsConfig(iterations=every, ls_iterations=line, more_iterations=more))
+def physics() -> PhysicsModel:
+    """The physics as users have it."""
+    return build(A1, PhysicsConfig())
 
 
 @functools.cache
-def stepper(iterations: Iterations) -> Callable[..., tuple[PhysicsState, SubstepTrace]]:
+def stepper() -> Callable[..., tuple[PhysicsState, SubstepTrace]]:
     """control_step of BATCH environments, compiled."""
-    model = physics(iterations)
+    model = physics()
     return jax.jit(jax.vmap(lambda *args: control_step(model, *args)))
 
 
@@ -114,7 +108,6 @@ def rollout(
     worlds: Sequence[Scene],
     targets: np.ndarray,
     dynamics: Sequence[Dynamics] | None = None,
-    iterations: Iterations = DEFAULT,
 ) -> tuple[PhysicsState, SubstepTrace]:
     """States after each control step and outcomes, leading axes (environments, steps), of up to BATCH environments.
 
@@ -123,7 +116,6 @@ def rollout(
         worlds: their scenes.
         targets: (steps, 12), or (environments, steps, 12).
         dynamics: of each; nominal if None.
-        iterations: of the solver and its line search.
     """
     state = batch([start if isinstance(start, PhysicsState) else initial_state(start) for start in starts])
     world, how = batch(worlds), batch(dynamics or [nominal()])
@@ -131,7 +123,7 @@ def rollout(
     wide = np.concatenate([spread, *[spread[-1:]] * (BATCH - spread.shape[0])])
     states, outcomes = [], []
     for t in range(wide.shape[1]):
-        state, outcome = stepper(iterations)(state, world, jp.asarray(wide[:, t], jp.float32), how)
+        state, outcome = stepper()(state, world, jp.asarray(wide[:, t], jp.float32), how)
         states.append(state)
         outcomes.append(outcome)
     return jax.tree.map(lambda *leaves: np.stack(leaves, axis=1), *states), jax.tree.map(

@@ -20,7 +20,7 @@ NEAR = 0.05  # m/s and rad/s
 @pytest.fixture(scope="module")
 def walked():
     """Poses (STEPS + 1, 4, 7) every 0.05 s, and facts (STEPS, 4, TICKS) of each case."""
-    physics, control = world.physics(world.DEFAULT), walk.make_controller(CONFIG, BODY)
+    physics, control = world.physics(), walk.make_controller(CONFIG, BODY)
     run = lambda driven, scene, how: driven_steps(physics, control, driven, scene, how, TICKS, SUBSTEPS)  # noqa: E731
     step, flat = jax.jit(jax.vmap(run)), world.batch([world.scene()])
     start = lambda command: walk.commanded(walk.start(CONFIG, BODY, initial_state(world.standing())), command)  # noqa: E731
