@@ -66,7 +66,8 @@ class DistillTrainer(Trainer):
             mesh: devices with one axis named ``env``.
         """
         super().__init__(config, env, mesh)
-        self.teacher = teacher
+        # NumPy's arrays have no weak types, for which the first iteration would be a program of its own.
+        self.teacher = jax.device_get(teacher)
         self.teacher_networks = make_networks(
             TEACHER, dataclasses.replace(config.network, critic="shared"), env.action_size
         )

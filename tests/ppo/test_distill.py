@@ -107,6 +107,11 @@ def test_the_teacher_and_the_exploration_stay(run):
     np.testing.assert_allclose([row["policy/std"] for row in rows[:IMITATIONS]], 0.3, rtol=1e-5)
 
 
+def test_imitation_is_compiled_once(run):
+    """A weak type at the start, gone after an iteration, would make two programs of it."""
+    assert not any(leaf.weak_type for leaf in jax.tree.leaves(run[0].init()))
+
+
 def test_then_ppo_goes_on(run):
     _, _, _, states, rows = run
     assert all(("loss/imitation" in row) == (i < IMITATIONS) for i, row in enumerate(rows))
