@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import jax
+import jax.numpy as jp
 import mujoco
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def test_centers_are_mujocos():
     model = mujoco.MjModel.from_xml_path(str(A1.path))
     data = mujoco.MjData(model)
     poses = _random_poses(20)
-    ours = np.stack(jax.vmap(lambda qpos: sphere_centers(A1, qpos))(poses.astype(np.float32)), axis=-1)
+    ours = np.stack(jax.jit(jax.vmap(lambda qpos: sphere_centers(A1, qpos)))(poses.astype(np.float32)), axis=-1)
     for qpos, centers in zip(poses, ours, strict=True):
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
@@ -51,8 +52,9 @@ def test_anchors_and_axes_are_mujocos():
 
 def test_environments_may_be_on_the_last_axis():
     poses = _random_poses(5).astype(np.float32)
-    one_by_one = np.array([np.stack(sphere_centers(A1, qpos)) for qpos in poses])
-    np.testing.assert_allclose(np.moveaxis(np.stack(sphere_centers(A1, poses.T)), -1, 0), one_by_one, atol=1e-6)
+    centers = jax.jit(lambda qpos: jp.stack(sphere_centers(A1, qpos)))
+    one_by_one = np.array([centers(qpos) for qpos in poses])
+    np.testing.assert_allclose(np.moveaxis(centers(poses.T), -1, 0), one_by_one, atol=1e-6)
 
 
 def test_feet_of_the_default_pose_by_hand():

@@ -27,8 +27,8 @@ def test_attention_lies_over_what_its_token_sees(side):
     """What only one corner token's receptive field holds changes that token alone, and there the heat is."""
     encoder, projection = DepthEncoder((8, 8, 8)), VisualTokens(4, side)
     image = jp.zeros((64, 64, 4))
-    encoding = encoder.init(jax.random.PRNGKey(0), image)
-    tokening = projection.init(jax.random.PRNGKey(1), jp.zeros((4, 4, 8)))
+    encoding = jax.jit(encoder.init)(jax.random.PRNGKey(0), image)
+    tokening = jax.jit(projection.init)(jax.random.PRNGKey(1), jp.zeros((4, 4, 8)))
     tokens = jax.jit(lambda image: projection.apply(tokening, encoder.apply(encoding, image)))
     before = tokens(image)
     for row, column in ((0, 0), (0, 1), (1, 0), (1, 1)):
