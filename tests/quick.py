@@ -15,6 +15,11 @@ from typing import Any
 import jax
 from jax._src import compiler
 
+# Options of `jax.jit` for single programs: one beside the subject of a test whose programs are optimised; one that runs
+# for longer than it takes to optimise it.
+QUICKLY = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
+OPTIMISED = {"xla_backend_optimization_level": 3, "xla_llvm_disable_expensive_passes": False}
+
 _OPTIONS = {"xla_cpu_use_fusion_emitters": False}
 
 

@@ -17,6 +17,7 @@ from loco_mjx.scene.mjcf import scene_spec
 from loco_mjx.scene.surface import ground_height
 from loco_mjx.scene.tasks import Task, get_task
 from tests.known_robots import A1
+from tests.quick import QUICKLY
 
 pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
 
@@ -82,7 +83,7 @@ def _theirs(scene, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("task", "agreement"), [("thin", 1.0), ("indoor", 1.0), ("stairs", 1.0), ("mountain", 0.97)])
 def test_the_same_spheres_touch(task, agreement):
     spec = get_task(task)
-    scene = jax.jit(spec.generate)(jax.random.PRNGKey(3))
+    scene = jax.jit(spec.generate, compiler_options=QUICKLY)(jax.random.PRNGKey(3))
     qpos = _poses(scene)
     ours, _ = _ours(spec, scene, qpos)
     theirs, touching = _theirs(scene, qpos)
@@ -95,7 +96,7 @@ def test_the_same_spheres_touch(task, agreement):
 def test_a_hit_is_a_contact_with_an_obstacle():
     """In `indoor` contacts above the ground's are with obstacles and walls; C's geoms tell which they are."""
     spec = get_task("indoor")
-    scene = jax.jit(spec.generate)(jax.random.PRNGKey(4))
+    scene = jax.jit(spec.generate, compiler_options=QUICKLY)(jax.random.PRNGKey(4))
     qpos = _poses(scene)
     qpos[:, 2] += 0.5  # off the ground, beside the obstacles
     ours, hit = _ours(spec, scene, qpos)

@@ -20,6 +20,7 @@ from loco_mjx.scene.surface import ground
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import Scene
 from tests.known_robots import A1
+from tests.quick import QUICKLY
 
 pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
 
@@ -45,8 +46,6 @@ def under(scene: Scene, x: float, y: float) -> float:
     return 0.0 if scene.terrain is None else float(GROUND(scene.terrain, jp.float32(x), jp.float32(y))[0])
 
 
-# What is not under test is compiled in half the time.
-QUICKLY = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
 GROUND = jax.jit(ground)
 
 

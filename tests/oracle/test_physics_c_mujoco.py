@@ -33,12 +33,13 @@ from tests.physics.world import (
     standing,
     trot_targets,
 )
+from tests.quick import QUICKLY
 
 pytestmark = pytest.mark.optimized  # compiled as users compile it: it is compared with C MuJoCo
 
 GAIT = (world.GAIT_KP, world.GAIT_KD)
 
-_heightfield = jax.jit(get_task("heightfield").generate)
+_heightfield = jax.jit(get_task("heightfield").generate, compiler_options=QUICKLY)
 
 
 def _rough(number: int) -> Scene:

@@ -10,15 +10,16 @@ import numpy as np
 from loco_mjx.scene.pool import make_pool
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.scene.types import Scene
+from tests.quick import OPTIMISED
 
 SIZE = 64
-# Generating many takes longer than compiling for speed does.
-FAST = {"xla_backend_optimization_level": 3, "xla_llvm_disable_expensive_passes": False}
 
 
 @cache
 def pool(task: str, size: int = SIZE) -> Scene:
-    make = jax.jit(lambda key: make_pool(key, get_task(task), size), compiler_options=FAST if size > SIZE else None)
+    make = jax.jit(
+        lambda key: make_pool(key, get_task(task), size), compiler_options=OPTIMISED if size > SIZE else None
+    )
     return jax.tree.map(np.asarray, make(jax.random.PRNGKey(3)))
 
 

@@ -16,7 +16,7 @@ from loco_mjx.scene.passage import closing, opened
 from loco_mjx.scene.pool import CHUNK
 from loco_mjx.scene.tasks import TASKS
 from loco_mjx.scene.types import COLLISION_MARGIN, OBSTACLE, WALL, Scene
-from tests.scene.scenes import FAST
+from tests.quick import OPTIMISED
 
 SCENES = 2000
 ROBOT = 0.354  # m wide
@@ -40,7 +40,7 @@ def obstacles(task: str) -> tuple[np.ndarray, np.ndarray, float]:
         return join(boxes.center, trees.center), join(around, radius), kind
 
     keys = jax.random.split(jax.random.PRNGKey(8), SCENES)
-    scenes = jax.jit(lambda keys: jax.lax.map(draw, keys, batch_size=CHUNK), compiler_options=FAST)(keys)
+    scenes = jax.jit(lambda keys: jax.lax.map(draw, keys, batch_size=CHUNK), compiler_options=OPTIMISED)(keys)
     center, half, kind = jax.tree.map(np.asarray, scenes)
     wall = np.flatnonzero(kind[0] == WALL)
     side = float(np.min(np.abs(center[0, wall, 1]) - half[0, wall, 1])) if wall.size else 5.0
