@@ -47,8 +47,17 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Orders the files; within one, tests stay as they are."""
-    items.sort(key=lambda item: _LONG.index(item.path.name) if item.path.name in _LONG else len(_LONG))
+    """Orders the files; within one, tests stay as they are.
+
+    Those whose programs are optimised come first: between them and the others, all that was compiled is forgotten.
+    """
+
+    def place(item: pytest.Item) -> tuple[bool, int]:
+        module = item.getparent(pytest.Module)
+        quickly = module is None or module.get_closest_marker("optimized") is None
+        return quickly, _LONG.index(item.path.name) if item.path.name in _LONG else len(_LONG)
+
+    items.sort(key=place)
 
 
 @pytest.fixture
