@@ -1,12 +1,14 @@
 """A sensor is one entry: training, the description and a robot's observer read it alike."""
 
 import dataclasses
+import re
+from pathlib import Path
 
 import jax.numpy as jp
 import numpy as np
 import pytest
 
-from loco_mjx import sensors
+from loco_mjx import rotations, sensors
 from loco_mjx.config import Config, EnvConfig, ObservationConfig
 from loco_mjx.deploy import description, folder
 from loco_mjx.deploy.observer import Observer
@@ -15,6 +17,7 @@ from loco_mjx.env import observation
 from loco_mjx.sensors import SENSORS, Readings, Sensor
 from tests.known_robots import A1
 
+EXTENDING = Path(__file__).parents[1] / "docs" / "extending.md"
 HALF = 0.15
 QUAT = np.array([np.cos(HALF), np.sin(HALF), 0.0, 0.0])  # rolled by 0.3 rad
 
@@ -35,13 +38,9 @@ def test_every_sensor_has_its_size_and_is_the_same_for_jax_and_for_numpy():
 
 @pytest.fixture
 def gravity(monkeypatch):
-    """One more sensor, by one entry: where down is, in the trunk's frame."""
-
-    def read(r, xp):
-        w, x, y, z = r.quat
-        return xp.stack([2 * (w * y - x * z), -2 * (y * z + w * x), 2 * (x * x + y * y) - 1])
-
-    monkeypatch.setitem(SENSORS, "gravity", Sensor(3, "", "the direction down, in the trunk's frame", read))
+    """One more sensor, by one entry, that of the documents: where down is, in the trunk's frame."""
+    entry = re.search(r'"gravity": (Sensor\(.*?\n\)),\n', EXTENDING.read_text(), re.DOTALL)
+    monkeypatch.setitem(SENSORS, "gravity", eval(entry[1], {"Sensor": Sensor, "rotations": rotations}))
 
 
 def test_a_new_sensor_is_one_entry(gravity):

@@ -25,6 +25,7 @@ READ = {
     "--task": (*SCENES, "learn"),
     "--robot": (*SCENES, "mpc"),
     "--controller": ("env", "train"),
+    "--policy": ("env", "train", "learn"),
     "--seconds": (*SCENES, "mpc"),
     "--seeds": ("train",),
     "--method": ("learn",),
@@ -51,7 +52,7 @@ class Options:
     robot: str = DEFAULT
     """Of which robot, by name or the path of its MJCF."""
     policy: str = "loco-transformer"
-    """For train, and for env, where it decides whether depth is rendered."""
+    """For train, learn, and env, where it decides whether depth is rendered."""
     controller: Literal["pd", "mpc"] = "pd"
     """For env and train: what the policy commands."""
     num_envs: NumEnvs | None = None

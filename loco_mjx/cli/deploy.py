@@ -40,7 +40,7 @@ class Options:
     """Runs an exported policy: stands up, runs, sits down. Ctrl-C, SIGTERM or Enter stop it."""
 
     policy: tyro.conf.Positional[Path | None] = None
-    """Folder that `loco-mjx export` wrote, or the name of a shipped policy; none for --controller."""
+    """Folder that `loco-mjx export` wrote, or the name of a shipped policy; without one --controller mpc walks."""
     controller: Literal["pd", "mpc"] | None = None
     """With a policy: whose it has to be. Without: mpc walks as --vx and --yaw say (docs/whole_body.md)."""
     vx: Annotated[float, Range(-10, 10)] = 0.3

@@ -20,7 +20,7 @@ class Options:
     """Writes the policy of a run: ONNX, its description, raw parameters, and StableHLO."""
 
     directory: tyro.conf.Positional[Path]
-    """The run's directory, or the name of a shipped policy."""
+    """The run's directory, a policy's folder, or the name of a shipped policy."""
     out: Path = Path("policy")
     """Folder to write; made if it does not exist."""
     step: Step = None

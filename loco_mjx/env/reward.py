@@ -35,7 +35,7 @@ class RewardInputs:
         torque_squared: (), ‖τ‖² averaged over the physics steps, (N·m)².
         spheres: (), spheres collected.
         contact: (), bool, whether the robot touched an obstacle or wall.
-        passed: (), bool, whether it is beyond the first obstacle's front.
+        passed: (), bool, whether it is beyond the first obstacle's centre.
         dropped: (), obstacles within the robot's reach that physics left out.
         action: (12,) joint targets relative to the default pose, rad; or the whole-body controller's command (2,).
         last_action: (12,) those of the step before.

@@ -1,7 +1,7 @@
 """From a scene to contact slots: for every sphere of the robot, the tangent plane of what is nearest to it.
 
 Broadphase: once per control step the few boxes and cylinders within reach are picked. Narrowphase: in every physics
-step each sphere is measured against those and the ground. The cost does not depend on how much the scene holds.
+step each sphere is measured against those and the ground. The cost hardly depends on how much the scene holds.
 """
 
 from __future__ import annotations

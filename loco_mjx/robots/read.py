@@ -1,7 +1,7 @@
 """A robot from its MJCF, by the names that docs/robots.md gives; what does not fit is refused in one line.
 
 Python's own XML reader is enough for it: a small computer that only runs policies has no MuJoCo. Where MuJoCo is there,
-`loco_mjx/physics/model.py` compares what was read with what MuJoCo makes of the same file.
+`loco_mjx/physics/compiled.py` compares what was read with what MuJoCo makes of the same file.
 """
 
 from __future__ import annotations

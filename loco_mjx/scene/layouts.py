@@ -101,7 +101,7 @@ def wide_sphere(key: jax.Array) -> Scene:
 
 
 def moving(key: jax.Array) -> Scene:
-    """``thin`` with every pillar translating (see loco_mjx/scene/motion.py)."""
+    """``thin``, four pillars of five translating (see loco_mjx/scene/motion.py)."""
     layout_key, direction_key = jax.random.split(key)
     scene = thin(layout_key)
     obstacle = (scene.boxes.kind == OBSTACLE)[:, None]
