@@ -77,7 +77,8 @@ def train(
         config: of the run, e.g. from :func:`configure`.
         out: the run's directory; what is found in it has to be of the same configuration.
         callback: called after every iteration with the samples so far and a dict of the iteration's metrics, by the
-            names of the columns of `metrics.csv`. If it returns True, the run is saved and ends.
+            names of the columns of `metrics.csv`. If it returns True, the run is saved and ends. Under method
+            `distill` it is not told of the teacher, which comes first.
         eval_tasks: evaluated on besides the run's own as it learns.
         options: when to save and to evaluate.
         quiet: print nothing.
@@ -91,7 +92,7 @@ def train(
     config = settings.complete(config)
     settings.check(config)
     options = options or LoopOptions()
-    machine.set_up(machine.shards(config.ppo.num_envs, config.ppo.minibatch))
+    machine.set_up(machine.shards(*settings.divided(config)))
     run, console = Run(config, Path(out)), Console(file=io.StringIO()) if quiet else Output()
     return start.train([run], options, console, ["loco_mjx.train"], evaluators(options, eval_tasks), callback)
 

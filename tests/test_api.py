@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import loco_mjx
-from loco_mjx.config import Config, preset
+from loco_mjx.config import Config, ObservationConfig, from_dict, preset, to_dict
+from loco_mjx.networks.policies import Privileged
+from loco_mjx.networks.registry import POLICIES
 from loco_mjx.run import start
 from loco_mjx.run.schedule import LoopOptions
 from tests.deploy import made
@@ -39,6 +41,32 @@ def test_a_configuration_is_a_preset_with_some_keys_changed():
 def test_what_is_no_configuration_is_refused(changes, said):
     with refusal(said):
         loco_mjx.configure(**changes)
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path):
+    keys = {"ppo.learning_rate": np.float32(0.5), "env.action.scale": tuple(np.array([0.25, 0.5, 0.5]))}
+    config = loco_mjx.configure(seed=np.arange(4)[3], keys=keys)
+    written = json.loads(json.dumps(to_dict(config)))
+    assert written["seed"] == 3 and written["ppo"]["learning_rate"] == 0.5
+    assert from_dict(Config, written) == config
+
+
+def test_an_environment_of_another_robot_or_controller_has_what_belongs_to_it():
+    go1, mpc = loco_mjx.make_env("thin", robot="go1").config, loco_mjx.make_env("thin", controller="mpc").config
+    assert (go1.kp, go1.task) == (loco_mjx.configure(robot="go1").env.kp, "thin") != (Config().env.kp, "thin")
+    assert mpc.observation.velocity and not mpc.observation.last_action
+    with refusal("env.observation.last_action mpc"):
+        loco_mjx.make_env("thin", controller="mpc", observation=ObservationConfig())
+    with refusal("env.horizon -3"):
+        loco_mjx.make_env("thin", horizon=-3)
+
+
+def test_a_policy_of_ones_own_that_reads_what_only_a_simulator_knows_gets_it():
+    loco_mjx.register_policy("knows", Privileged, uses_depth=False, uses_privileged=True)
+    try:
+        assert loco_mjx.configure(policy="knows").env.observation.privileged
+    finally:
+        POLICIES.unregister("knows")
 
 
 def test_training_calls_back_after_every_iteration_stops_when_asked_and_goes_on(tmp_path, monkeypatch, capsys):

@@ -84,11 +84,15 @@ def main(args: Sequence[str]) -> int:
     with one_object(options.json) as show:
         if options.part == "learn":
             return learn(options, show)
+        from loco_mjx.config import preset
         from loco_mjx.run import machine, provenance
         from loco_mjx.scene.tasks import get_task
 
         get_task(options.task)
-        machine.set_up(machine.shards(options.num_envs or NUM_ENVS[options.controller]))
+        sizes = [options.num_envs or NUM_ENVS[options.controller]]
+        if options.part == "train":
+            sizes.append(preset("fast", options.robot, options.controller).ppo.minibatch)
+        machine.set_up(machine.shards(*sizes))
         result = measure(options)
         devices = provenance.devices()
         result |= {"devices": devices["count"], "device_kind": devices["kind"], "versions": provenance.versions()}

@@ -31,7 +31,7 @@ class Options:
     """Runs a policy by its mean in our own environment and shows it: --video, --figure or --web."""
 
     directory: tyro.conf.Positional[Path | None] = None
-    """The run's directory, a policy's folder, or the name of a shipped policy; none for --zero, --random, --controller."""
+    """The run's directory, a policy's folder, or a shipped policy's name; none for --zero, --random, --controller."""
     video: Path | None = None
     """File for a video, .mp4 or .gif: the robot from behind, its depth image as an inset."""
     figure: Path | None = None

@@ -110,7 +110,7 @@ def _train(options: Options, args: Sequence[str], processes: int) -> int:
     from loco_mjx.run.progress import Output
 
     found = [directory.find(run.directory) for run in runs]
-    machine.set_up(machine.shards(config.ppo.num_envs, config.ppo.minibatch, processes=processes))
+    machine.set_up(machine.shards(*settings.divided(config), processes=processes))
     console = Output()
     if not gave_total(options, args):
         totals = [run.ppo.total_steps for run in found if run is not None]

@@ -93,12 +93,18 @@ class Cell:
         Raises:
             UserError: if its directory holds another run, or something else.
         """
-        from loco_mjx.run import start
+        from loco_mjx.run import checkpoint, start
 
         found = directory.find(self.path)
         if found is None:
             return False
         directory.reconcile(self.path, found, self.config)
+        done = checkpoint.newest(self.path)
+        if done > self.samples:
+            raise UserError(
+                f"{self.path} has trained on {done:,} samples already, asked for {self.samples:,}; give "
+                f"--total-steps {done}, or another --out"
+            )
         return start.finished(self.path, self.config)
 
     def unevaluated(self) -> list[str]:

@@ -6,6 +6,8 @@ import dataclasses
 import typing
 from typing import Any
 
+import numpy as np
+
 from loco_mjx import ranges
 from loco_mjx.config.reward_terms import Weights
 from loco_mjx.errors import UserError
@@ -22,8 +24,15 @@ def _plain(tree: dict[str, Any]) -> dict[str, Any]:
         if isinstance(value, Weights):
             plain |= value
         else:
-            plain[name] = _plain(value) if isinstance(value, dict) else value
+            plain[name] = _plain(value) if isinstance(value, dict) else _python(value)
     return plain
+
+
+def _python(value: Any) -> Any:
+    """A value without NumPy's types, which are numbers too, but not JSON's."""
+    if isinstance(value, tuple):
+        return tuple(map(_python, value))
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def from_dict(kind: type, values: dict[str, Any]) -> Any:

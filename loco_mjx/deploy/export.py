@@ -180,22 +180,30 @@ def describe(policy: TrainedPolicy, evaluation: dict[str, Any] | None) -> dict[s
     return described | {"training": training, "versions": provenance.versions()}
 
 
+def _by_its_mean(result: Any) -> bool:
+    """Whether an evaluation is of the deterministic policy, as exported ones are; what is damaged counts as one."""
+    return not isinstance(result, dict) or result.get("deterministic", True)
+
+
 def latest_evaluation(run: Path) -> dict[str, Any] | None:
-    """The metrics of a run's newest evaluation, or those that an exported policy came with; None if there are none.
+    """The metrics of a run's newest evaluation by the mean of its actions, or those that an exported policy came with.
+
+    None if there are none.
 
     Raises:
         UserError: if the file is damaged.
     """
     if trained.is_exported(run):
         return folder.read(run).raw["training"]["evaluation"]
-    files = sorted((run / "evaluation").glob("*.json"), key=lambda path: path.stat().st_mtime)
-    if not files:
+    files = sorted((run / "evaluation").glob("*.json"), key=lambda path: path.stat().st_mtime, reverse=True)
+    newest = next(((path, read) for path in files if _by_its_mean(read := read_json(path))), None)
+    if newest is None:
         return None
-    result = read_json(files[-1])
+    path, result = newest
     try:
         found = {key: result[key] for key in ("task", "num_episodes", "seed", "samples", "randomized")}
         figures = {name: {key: float(of[key]) for key in ("mean", "std")} for name, of in result["metrics"].items()}
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise UserError(f"{files[-1]} is no evaluation ({error!r}); evaluate the run again, or remove it") from error
+        raise UserError(f"{path} is no evaluation ({error!r}); evaluate the run again, or remove it") from error
     sound = {name: of for name, of in figures.items() if all(map(math.isfinite, of.values()))}
     return found | {"metrics": sound}

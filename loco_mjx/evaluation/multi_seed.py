@@ -10,13 +10,14 @@ from rich.table import Table
 from loco_mjx.errors import UserError
 from loco_mjx.evaluation import report
 from loco_mjx.evaluation.display import NOTHING, caption, order
-from loco_mjx.run import results
-from loco_mjx.run.directory import CONFIG
+from loco_mjx.run import checkpoint, results
+from loco_mjx.run.directory import CONFIG, TEACHER
 
 
 def holds_seeds(directory: Path) -> bool:
     """Whether a directory is no run itself, but holds runs."""
-    return not (directory / CONFIG).exists() and any(directory.glob(f"*/{CONFIG}"))
+    runs = (path.parent.name for path in directory.glob(f"*/{CONFIG}"))
+    return not (directory / CONFIG).exists() and any(name != TEACHER for name in runs)
 
 
 def evaluate(directory: Path, task: str | None, **options: Any) -> dict[str, Any]:
@@ -35,17 +36,20 @@ def evaluate(directory: Path, task: str | None, **options: Any) -> dict[str, Any
     """
     runs = [run for run in results.find_runs(directory) if run.path.parent == directory]
     results.check_same_method(runs, f"{runs[0].config.policy} on {runs[0].config.env.task}")
+    if options.get("step") is None:
+        stand = sorted({checkpoint.newest(run.path) for run in runs})
+        if len(stand) > 1:
+            raise UserError(
+                f"the runs in {directory} stand at {stand[0]:,} to {stand[-1]:,} samples; finish them first"
+            )
     found = [report.evaluate(run.path, task, **options) for run in runs]
-    samples = sorted({one["samples"] for one in found})
-    if len(samples) > 1:
-        raise UserError(
-            f"the runs in {directory} stand at {samples[0]:,} to {samples[-1]:,} samples; finish them first"
-        )
     shared = {key: found[0][key] for key in found[0] if key not in ("run", "metrics", "episodes")}
     names = [name for name in found[0]["metrics"] if all(name in one["metrics"] for one in found)]
     result = shared | {
         "run": str(directory),
         "seeds_trained": [run.config.seed for run in runs],
+        "samples": max(one["samples"] for one in found),
+        "samples_of_seeds": [one["samples"] for one in found],  # each one's best may be another
         "metrics": {name: _over_seeds([one["metrics"][name]["mean"] for one in found]) for name in names},
     }
     report.keep(directory, result)
@@ -55,7 +59,9 @@ def evaluate(directory: Path, task: str | None, **options: Any) -> dict[str, Any
 def table(result: dict[str, Any]) -> Table:
     """The result as people read it: mean ± standard deviation over seeds, the seeds' own means beside them."""
     seeds = result["seeds_trained"]
-    trained = f"{result['policy']} trained on {result['trained_on']} ({result['samples']:,} samples)"
+    least = min(result["samples_of_seeds"])
+    samples = f"{result['samples']:,}" if least == result["samples"] else f"{least:,} to {result['samples']:,}"
+    trained = f"{result['policy']} trained on {result['trained_on']} ({samples} samples)"
     title = f"{trained}, on {result['task']}: {len(seeds)} seeds, {result['num_episodes']} episodes each"
     shown, zero = order(result["metrics"], result["task"])
     table = Table(title=title, title_justify="left", caption=caption(zero), caption_justify="left")

@@ -8,8 +8,11 @@ import flax.linen as nn
 import jax
 import jax.numpy as jp
 
+from loco_mjx.errors import UserError
+
 TRUNK_INIT = nn.initializers.orthogonal(2.0**0.5)
 PROJECTION_INIT = nn.initializers.orthogonal(1.0)
+SMALLEST = 36  # pixels of which three convolutions leave one feature
 
 
 class MLP(nn.Module):
@@ -113,7 +116,17 @@ class DepthEncoder(nn.Module):
 
     @nn.compact
     def __call__(self, depth: jax.Array) -> jax.Array:
-        """(..., 64, 64, frames) encoded depth to (..., 4, 4, 64) features."""
+        """(..., 64, 64, frames) encoded depth to (..., 4, 4, 64) features.
+
+        Raises:
+            UserError: if the images are not square, or too small.
+        """
+        height, width = depth.shape[-3:-1]
+        if height != width or height < SMALLEST:
+            raise UserError(
+                f"env.observation.depth is {height} × {width} pixels, which this policy's convolutions cannot take; "
+                f"accepted: square, {SMALLEST} or more"
+            )
         x = depth.reshape(-1, *depth.shape[-3:])  # (n, 64, 64, frames)
         # (n, 64, 64, frames) -> (n, 15, 15, 32) -> (n, 6, 6, 64) -> (n, 4, 4, 64)
         for i, (features, kernel, stride) in enumerate(zip(self.features, (8, 4, 3), (4, 2, 1), strict=True)):
@@ -134,8 +147,18 @@ class VisualTokens(nn.Module):
 
     @nn.compact
     def __call__(self, features: jax.Array) -> jax.Array:
-        """(..., 4, 4, 64) to (..., N·N, C), row by row from the image's top left."""
-        size = features.shape[-3] // self.tokens_per_side
+        """(..., 4, 4, 64) to (..., N·N, C), row by row from the image's top left.
+
+        Raises:
+            UserError: if the map does not divide into N × N tokens.
+        """
+        side = features.shape[-3]
+        size = side // self.tokens_per_side
+        if size == 0 or side // size != self.tokens_per_side:
+            raise UserError(
+                f"env.observation.depth becomes {side} × {side} features, which do not make network.tokens_per_side "
+                f"{self.tokens_per_side} squared; accepted: 64 × 64 pixels"
+            )
         x = features.reshape(-1, *features.shape[-3:])
         x = Convolution(self.token_dim, size, size, PROJECTION_INIT, name="projection")(x)
         return x.reshape(*features.shape[:-3], self.tokens_per_side**2, self.token_dim)

@@ -72,9 +72,7 @@ class Critic(nn.Module):
 
     @nn.compact
     def __call__(self, obs: Observation) -> jax.Array:
-        """`state` (..., n) and `privileged` (..., m) to the value (...); 0 where there is no `privileged`."""
-        if PRIVILEGED not in obs:
-            return jp.zeros(obs[STATE].shape[:-1])
+        """`state` (..., n) and `privileged` (..., m) to the value (...)."""
         hidden = self.config.state_only_hidden
         shared = len(hidden) // 2
         features = MLP(hidden[:shared], name="state_encoder")(with_privileged(obs))
@@ -107,6 +105,8 @@ def heads(
     config: NetworkConfig = module.config
     mean, log_std = Gaussian(hidden, module.actions, config.initial_std, name="policy_head")(policy)
     if config.critic == "privileged":
-        return Outputs(mean, log_std, Critic(config, name="critic")(obs), attention)
+        critic = Critic(config, name="critic")
+        worth = critic(obs) if PRIVILEGED in obs else jp.zeros(mean.shape[:-1])  # out of the simulator there is none
+        return Outputs(mean, log_std, worth, attention)
     estimate = Head(hidden, 1, VALUE_SCALE, name="value_head")(value())[..., 0]
     return Outputs(mean, log_std, estimate, attention)

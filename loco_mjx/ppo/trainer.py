@@ -14,14 +14,12 @@ from flax import struct
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from loco_mjx import config as config_lib
 from loco_mjx.config import Config
 from loco_mjx.env import autoreset
 from loco_mjx.env.state import State
-from loco_mjx.errors import UserError
-from loco_mjx.networks.outputs import DEPTH, PRIVILEGED, Params
+from loco_mjx.networks.outputs import Params
 from loco_mjx.networks.policies import make_networks
-from loco_mjx.ppo import annealing
+from loco_mjx.ppo import annealing, checks
 from loco_mjx.ppo import normalizer as normalizer_lib
 from loco_mjx.ppo import rollout as collect_lib
 from loco_mjx.ppo import update as update_lib
@@ -101,21 +99,9 @@ class Trainer:
             UserError: if sizes do not divide over the mesh, or the policy needs depth that the environment lacks.
         """
         self.mesh = make_mesh(jax.devices()[:1]) if mesh is None else mesh
-        config_lib.check(config, self.mesh.size)
         self.config, self.env = config, env
         self.networks = make_networks(config.policy, config.network, env.action_size)
-        if self.networks.uses_depth and DEPTH not in env.observation_size:
-            raise UserError(f"policy '{config.policy}' needs depth; env.observation.depth.enabled is False")
-        if self.networks.uses_privileged and PRIVILEGED not in env.observation_size:
-            raise UserError(
-                f"policy '{config.policy}' with critic '{config.network.critic}' needs the privileged observation; "
-                "env.observation.privileged is False"
-            )
-        if config.ppo.unroll % self.networks.hold:
-            raise UserError(
-                f"network.hold {self.networks.hold} does not divide ppo.unroll {config.ppo.unroll}; "
-                "accepted: a divisor of it"
-            )
+        checks.check(config, self.networks, env.observation_size, self.mesh.size)
         self.chunk = CPU_CHUNK if self.mesh.devices.flat[0].platform == "cpu" else None
         # Of a state the environments alone are sharded, on their first axis; a rollout on its second.
         sharded, rollouts, replicated = P(AXIS), P(None, AXIS), P()

@@ -119,6 +119,10 @@ def save(
         remove(final)  # a damaged checkpoint of the same step, from which this run did not resume
         partial.rename(final)
         sync(final.parent)
+    except UserError:  # which says it
+        with contextlib.suppress(OSError):
+            remove(partial)
+        raise
     except (OSError, ValueError) as error:  # Orbax reports a full disk as a ValueError
         with contextlib.suppress(OSError):
             remove(partial)

@@ -121,8 +121,14 @@ def reconcile(directory: Path, found: Config, wanted: Config) -> None:
         UserError: naming the first key that differs, with both values.
     """
     flat_found, flat_wanted = compared(found), compared(wanted)
-    rates = found.ppo.learning_rate_decay, found.method == "distill" and found.distill.learning_rate_decay
-    changing = {"learning rate decays": any(rates), "exploration narrows": found.ppo.final_std is not None}
+    taught = found.method == "distill"
+    by_ppo = not taught or found.distill.imitation < 1.0
+    rates = by_ppo and found.ppo.learning_rate_decay, taught and found.distill.learning_rate_decay
+    changing = {
+        "learning rate decays": any(rates),
+        "exploration narrows": found.ppo.final_std is not None,
+        "imitation ends": taught and by_ppo,
+    }
     changes = " and ".join(name for name, does in changing.items() if does)
     for key in {**flat_found, **flat_wanted}:
         value, asked = (flat.get(key, ABSENT) for flat in (flat_found, flat_wanted))

@@ -99,9 +99,11 @@ def find_runs(folder: Path) -> list[Run]:
         raise UserError(f"{folder} is no directory; give one that `loco-mjx sweep` or `loco-mjx train` wrote")
     runs = []
     for path in sorted(folder.rglob(CONFIG)):
-        if path.parent.name == TEACHER and path.parent != folder:  # part of the run that learnt from it
+        place, config = path.parent, load_config(path.parent)
+        learnt_from = (place.parent / CONFIG).exists() or config.policy == "privileged"
+        if place.name == TEACHER and place != folder and learnt_from:  # part of the run that learns from it
             continue
-        runs.append(Run.of(path.parent, load_config(path.parent)))
+        runs.append(Run.of(place, config))
     if not runs:
         raise UserError(f"no runs in {folder}; give a directory that `loco-mjx sweep` or `loco-mjx train` wrote")
     return runs

@@ -28,6 +28,9 @@ def complete(config: Config) -> Config:
         observation = config.env.observation
         observation = dataclasses.replace(observation, depth=dataclasses.replace(observation.depth, enabled=False))
         config = dataclasses.replace(config, env=dataclasses.replace(config.env, observation=observation))
+    if POLICIES[config.policy].uses_privileged:
+        observation = dataclasses.replace(config.env.observation, privileged=True)
+        config = dataclasses.replace(config, env=dataclasses.replace(config.env, observation=observation))
     return config_lib.with_method(config)
 
 
@@ -41,6 +44,12 @@ def check(config: Config) -> None:
 
     get_task(config.env.task)
     config_lib.check(config)
+
+
+def divided(config: Config) -> tuple[int, ...]:
+    """The sizes that training divides over the devices."""
+    imitated = (config.distill.minibatch,) if config.method == "distill" else ()
+    return config.ppo.num_envs, config.ppo.minibatch, *imitated
 
 
 def with_total(config: Config, total: int) -> Config:

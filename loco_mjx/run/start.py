@@ -48,6 +48,29 @@ def build_student(config: Config, teacher: Path) -> Any:
     return DistillTrainer(config, LocoEnv(config.env), Teacher(*given), make_mesh())
 
 
+def check_student(run: Run) -> None:
+    """Refuses, before a teacher is trained, what the trainer of the policy that imitates it would refuse.
+
+    Raises:
+        UserError: if it does not fit together, the policy has no critic, or the run has lost its teacher.
+    """
+    from loco_mjx.networks.policies import make_networks
+    from loco_mjx.ppo import checks
+    from loco_mjx.run.policy import observation_shapes, parameter_shapes
+
+    config = run.config
+    networks = make_networks(config.policy, config.network, config.env.action_size)
+    checks.check(config, networks, observation_shapes(config), jax.device_count())
+    if "critic" not in parameter_shapes(config, networks)["params"]:
+        raise UserError(
+            f"policy '{config.policy}' has no privileged critic, which method distill needs; accepted: a policy whose "
+            "outputs are those of loco_mjx.networks.heads"
+        )
+    teacher = run.directory / directory.TEACHER
+    if checkpoint.newest(run.directory) and directory.find(teacher) is None:
+        raise UserError(f"{run.directory} has learnt from a teacher that is not there; restore the folder {teacher}")
+
+
 def teach(
     run: Run, options: loop.LoopOptions, console: Console, command: list[str], evaluators: Evaluators
 ) -> loop.Outcome | None:
@@ -89,7 +112,8 @@ def train(
         console: for the table and the progress.
         command: the command line, for the record.
         evaluators: from the runs and their trainer to what evaluates each of them; an empty list: they are not.
-        callback: called with each iteration's samples and metrics; once it returns True, the runs are saved and end.
+        callback: called with each iteration's samples and metrics, not those of a teacher; once it returns True, the
+            runs are saved and end.
 
     Raises:
         UserError: if they cannot start; nothing is written then.
@@ -103,13 +127,15 @@ def train(
     config = runs[0].config
     collectives.check_same(json.dumps(to_dict(config)), "configuration")
     if config.method == "distill":
+        check_student(runs[0])
         stopped = teach(runs[0], options, console, command, evaluators)
         if stopped is not None:
             return stopped
+        collectives.on_first(lambda: None)  # whose last checkpoint is written then, for all to read
         trainer = build_student(config, runs[0].directory / directory.TEACHER)
     else:
         trainer = build(config)
-    learner = group(trainer, runs)
+    learner, parameters = group(trainer, runs), count_parameters(trainer, config)
     with contextlib.ExitStack() as claims:
         done = common_step(runs)
 
@@ -123,7 +149,7 @@ def train(
 
         collectives.on_first(claim)
         seeds = [run.config.seed for run in runs]
-        print_summary(console, config, provenance.devices(), count_parameters(trainer, config), seeds)
+        print_summary(console, config, provenance.devices(), parameters, seeds)
         reporter = Reporter(console, len(runs) * settings.total_samples(config), len(runs) * done, callback=callback)
         try:
             evaluations = evaluators(runs, trainer)

@@ -17,6 +17,7 @@ import numpy as np
 from loco_mjx import config as config_lib
 from loco_mjx.config import EnvConfig
 from loco_mjx.deploy import folder
+from loco_mjx.deploy.observer import check_readable
 from loco_mjx.deploy.session import Session
 from loco_mjx.env.action import neutral
 from loco_mjx.env.loco_env import LocoEnv
@@ -80,6 +81,7 @@ def simcheck(
     if episodes < 1:
         raise UserError(f"episodes is {episodes}; accepted: 1 or more")
     manifest = folder.read(policy)
+    check_readable(manifest, position_known=True)
     session = Session(manifest, policy)
     config = _environment(policy, manifest, task, solver)
     env = LocoEnv(config)

@@ -79,6 +79,17 @@ def test_evaluate_over_seeds_gives_mean_and_deviation_of_the_seeds_means(trained
     assert json.loads((folder / "evaluation" / "thin-32-seed0.json").read_text()) == result
     assert main(["evaluate", str(folder), "--episodes", "3"]) == 0
     assert says(capsys.readouterr().out, "2 seeds")
+    # Each one's best may stand at another number of samples; what is newest has to be at the same.
+    longer = folder / "seed4" / "checkpoints"
+    for manifest in folder.rglob("manifest.json"):
+        step = 64 if longer in manifest.parents else 32
+        text = manifest.read_text().replace('"step": 32', f'"step": {step}').replace('"score": null', '"score": 1.0')
+        manifest.write_text(re.sub(r',\s*"checksum": \d+', "", text))
+    (longer / "000000000032").rename(longer / "000000000064")
+    assert main(["evaluate", str(folder), "--episodes", "3", "--step", "best", "--json"]) == 0
+    assert only_object(capsys.readouterr().out)["samples_of_seeds"] == [32, 64]
+    assert main(["evaluate", str(folder), "--episodes", "3"]) == 2
+    assert says(capsys.readouterr().err, "32 64 finish")
     config = folder / "seed4" / "config.json"
     config.write_text(config.read_text().replace('"clip": 0.2', '"clip": 0.3'))
     assert main(["evaluate", str(folder)]) == 2

@@ -72,6 +72,18 @@ BAD = {
     "two presets": (["train", "--preset", "fast", "--preset", "paper"], "--preset twice fast paper"),
     "two seeds": ([*RUN, "--seed", "1", "--seeds", "1-2"], "--seed --seeds"),
     "no depth": (["train", "--preset", "fast", "--env.observation.depth.enabled", "False"], "depth loco-transformer"),
+    "a pupil without depth": (
+        ["train", "--method", "distill", "--env.observation.depth.enabled", "False"],
+        "depth loco-transformer",
+    ),
+    "a pupil's hold": (
+        ["train", "--method", "distill", "--policy", "hrl", "--network.hold", "5"],
+        "network.hold 5 ppo.unroll 32",
+    ),
+    "what a pupil sees": (
+        ["train", "--method", "distill", "--env.observation.depth.height", "48"],
+        "env.observation.depth 48 64 square 36",
+    ),
     "file": ([*RUN, "--out", "/dev/null"], "/dev/null file"),
     "access": ([*RUN, "--out", "/proc/run"], "/proc/run"),
     "below a file": ([*RUN, "--out", "/dev/null/run"], "/dev/null/run"),
@@ -261,6 +273,10 @@ def test_a_teacher_is_trained_first_and_its_run_is_where_the_policys_is(monkeypa
     assert str(place) == "run/teacher" and start.finished(place, teacher)
     assert teacher.policy == "privileged" and teacher.ppo.total_steps == 2 * 192
     assert student.policy == "state-only" and student.method == "distill" and student.network.critic == "privileged"
+    place.rename(tmp_path / "apart")
+    assert main(["224" if word == "192" else word for word in command]) == 2
+    assert says(capsys.readouterr().err, "run/teacher restore")
+    (tmp_path / "apart").rename(place)
     assert main(command) == 0 and len(built) == 2
     assert says(capsys.readouterr().out, "finished")
     assert main([*command[:-2], "--seeds", "0-1"]) == 2

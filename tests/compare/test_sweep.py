@@ -138,6 +138,13 @@ def test_a_directory_of_another_run_is_listed_and_left_alone(tmp_path, capsys):
     assert len(result.failed) == 2
 
 
+def test_runs_that_are_longer_than_asked_for_are_listed_with_their_length(tmp_path, capsys):
+    run(cells(tmp_path), Stub(), capsys)
+    stub = Stub()
+    _, said = run(cells(tmp_path, total_steps=STEPS // 2), stub, capsys)
+    assert stub.ran == [] and says(said, f"{STEPS:,} {STEPS // 2:,} --total-steps {STEPS} --out")
+
+
 def test_a_command_that_ends_well_and_leaves_nothing_is_a_failure(tmp_path, capsys):
     result, _ = run(cells(tmp_path, seeds=(0,)), lambda command, log, tick: 0, capsys)
     assert len(result.failed) == 2 and all(says(why, f"finished {cell.log}") for cell, why in result.failed)

@@ -1,6 +1,7 @@
 from loco_mjx.cli.main import main
 from loco_mjx.compare import paper, render, tables
-from loco_mjx.run.results import over_seeds
+from loco_mjx.evaluation import multi_seed
+from loco_mjx.run.results import find_runs, over_seeds
 from tests.compare.runs import edit, write_evaluation, write_run
 from tests.refusals import clear, says
 
@@ -153,6 +154,15 @@ def test_half_finished_runs_are_named_and_shorter_ones_left_out_of_the_mean(tmp_
     assert any(says(note, "LocoTransformer thin seed 2 wide") for note in notes(text, "missing"))
     shorter, none = notes(text, "unfinished")
     assert says(shorter, f"{second} 8,192 16,384") and says(none, f"{third}") and str(first) not in shorter + none
+
+
+def test_a_teacher_is_part_of_its_pupils_run_and_a_run_of_that_name_is_one(tmp_path):
+    run = write_run(tmp_path / "x")
+    write_run(run, "teacher", policy="privileged")
+    write_run(tmp_path / "begun", "teacher", policy="privileged")  # whose pupil has not begun
+    own = write_run(tmp_path, "teacher", policy="state-only")
+    assert {found.path for found in find_runs(tmp_path)} == {run, own}
+    assert not multi_seed.holds_seeds(tmp_path / "begun")
 
 
 def test_the_newest_deterministic_evaluation_counts(tmp_path):

@@ -1,6 +1,7 @@
 """The exported function is the trained policy, for every policy; the folder says what it holds."""
 
 import json
+import os
 
 import flax.linen as nn
 import jax
@@ -14,6 +15,7 @@ from loco_mjx.deploy import converted, export, folder
 from loco_mjx.deploy.session import Session
 from loco_mjx.networks.outputs import heads
 from loco_mjx.networks.registry import POLICIES, register_policy
+from tests.compare.runs import edit, write_evaluation, write_run
 from tests.deploy import made
 from tests.known_robots import A1
 from tests.refusals import refusal
@@ -99,6 +101,16 @@ def test_a_graph_that_differs_or_cannot_be_written_is_refused(own_policy, tmp_pa
     with refusal("odd jax2onnx"):
         converted.convert("odd", odd, {"state": (93,)}, np.zeros(93), np.ones(93), get_controller("pd"))
     assert not (tmp_path / "policy").exists()
+
+
+def test_the_figures_that_go_with_a_policy_are_of_its_mean(tmp_path):
+    run = write_run(tmp_path)
+    assert export.latest_evaluation(run) is None
+    for age, (name, distance) in enumerate((("", 3.0), ("-older", 2.0), ("-stochastic", 4.0))):
+        path = write_evaluation(run, "thin", name=name, distance=distance)
+        os.utime(path, (1e9 - age, 1e9 - age))
+    edit(path, deterministic=False)  # which makes it the newest
+    assert export.latest_evaluation(run)["metrics"]["distance"]["mean"] == 3.0
 
 
 def test_a_teacher_stays_in_the_simulator(tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import flax.linen as nn
 import jax
 import jax.numpy as jp
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 from loco_mjx.networks.encoders import DepthEncoder, VisualTokens, matmul_convolution
+from tests.refusals import refusal
 
 SHAPES = [(64, 8, 4, 4, 8), (15, 4, 2, 8, 6), (6, 3, 1, 6, 5), (4, 2, 2, 5, 7)]
 
@@ -32,6 +35,18 @@ def test_matmul_convolution_equals_flax_conv(key, side, size, stride, channels, 
 
     got, expected = jax.jit(lambda: (result_and_gradients(ours), result_and_gradients(reference)))()
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-3), got, expected)
+
+
+@pytest.mark.parametrize(("height", "width"), [(64, 48), (48, 64), (35, 35)])
+def test_images_that_the_trunk_cannot_take_are_refused(height, width):
+    with refusal(f"env.observation.depth {height} {width} square 36"):
+        jax.eval_shape(DepthEncoder().init, jax.random.PRNGKey(0), jp.zeros((height, width, 4)))
+
+
+@pytest.mark.parametrize(("side", "tokens", "fits"), [(4, 4, True), (5, 4, False), (1, 1, True), (1, 2, False)])
+def test_a_map_that_does_not_divide_into_the_tokens_is_refused(side, tokens, fits):
+    with contextlib.nullcontext() if fits else refusal(f"{side} network.tokens_per_side {tokens} 64"):
+        jax.eval_shape(VisualTokens(8, tokens).init, jax.random.PRNGKey(0), jp.zeros((side, side, 64)))
 
 
 def test_depth_encoder_is_the_atari_trunk(key):

@@ -169,6 +169,13 @@ def test_a_privileged_critic_takes_the_values_place(key, policy):
     assert float(jp.abs(alone.value).max()) == 0
 
 
+def test_a_policy_on_depth_alone_acts_on_depth_alone_whatever_its_critic_read(key):
+    networks, obs = make_networks("depth-only", dataclasses.replace(SMALL, critic="privileged"), 12), _obs(key, 2)
+    params = jax.eval_shape(networks.init, key, obs)
+    outputs = jax.eval_shape(networks.apply, params, {DEPTH: obs[DEPTH]})
+    assert outputs.mean.shape == (2, 12) and outputs.value.shape == (2,)
+
+
 @pytest.mark.parametrize("policy", ["loco-transformer", "state-only"])
 def test_first_policy_is_the_initial_gaussian_whatever_it_sees(key, policy):
     config = dataclasses.replace(SMALL, initial_std=0.5)

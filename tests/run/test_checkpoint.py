@@ -1,4 +1,5 @@
 import dataclasses
+import errno
 import json
 import os
 import signal
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from loco_mjx.config import preset
+from loco_mjx.errors import RunError, unwritable
 from loco_mjx.run import checkpoint
 from tests.refusals import refusal, says
 
@@ -221,6 +223,21 @@ def test_a_kill_at_any_stage_of_a_save_leaves_a_good_one(tmp_path, monkeypatch, 
     save(tmp_path, 4)  # and what was left behind is in nobody's way
     assert checkpoint.steps(tmp_path)[0] == 4
     assert len(list((tmp_path / "checkpoints").iterdir())) == 2
+
+
+def test_what_is_said_of_a_full_disk_is_said_once(tmp_path, monkeypatch):
+    """Wherever in a save it fills up: as the run's failure, which a mistake in the command is not."""
+    save(tmp_path, 1)
+
+    def full(*_):
+        raise unwritable("the manifest", OSError(errno.ENOSPC, "No space left on device"), "make room")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint, "write_json", full)
+        with pytest.raises(RunError) as caught:
+            save(tmp_path, 2)
+    assert str(caught.value).count("cannot write") == 1
+    assert [path.name for path in (tmp_path / "checkpoints").iterdir()] == ["000000000001"]
 
 
 CHILD = """

@@ -3,7 +3,7 @@ import json
 
 import pytest
 
-from loco_mjx.config import to_dict
+from loco_mjx.config import Config, DistillConfig, PPOConfig, to_dict
 from loco_mjx.run import directory, provenance
 from tests.refusals import refusal
 from tests.run.tiny import tiny_config
@@ -64,6 +64,15 @@ def test_a_run_may_be_extended_unless_something_changes_over_its_length(tmp_path
     directory.reconcile(tmp_path, tiny_config(6), tiny_config(7))
     with refusal(f"ppo.total_steps 192 224 {said}"):
         directory.reconcile(tmp_path, tiny_config(6, **changing), tiny_config(7, **changing))
+
+
+def test_where_a_policy_stops_imitating_is_a_share_of_its_length(tmp_path):
+    """Longer, a run whose imitation is over would imitate again."""
+    before, after = (Config(method="distill", ppo=PPOConfig(total_steps=total)) for total in (81_920, 163_840))
+    directory.reconcile(tmp_path, before, after)
+    half = DistillConfig(imitation=0.5)
+    with refusal("ppo.total_steps 81920 163840 imitation ends"):
+        directory.reconcile(tmp_path, *(dataclasses.replace(one, distill=half) for one in (before, after)))
 
 
 @pytest.mark.parametrize("content", ["", '{"policy": "state-', "[]", '{"policy": "state-only", "x": 1}', '{"env": 3}'])

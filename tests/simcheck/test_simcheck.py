@@ -93,6 +93,12 @@ def test_bad_input(policy, tmp_path, capsys):
     assert main(["simcheck", str(policy)]) == 2
 
 
+def test_a_policy_that_reads_the_goal_is_refused_before_anything_runs(tmp_path, capsys):
+    flat.write(tmp_path, {name: value for name, value in flat.raw(goal=True).items() if name != "files"})
+    assert main(["simcheck", str(tmp_path), "--task", "mountain", "--episodes", "1"]) == 2
+    assert says(capsys.readouterr().err, "goal --env.observation.goal")
+
+
 @pytest.mark.parametrize(("kind", "contact"), [(OBSTACLE, True), (STEP, False)])
 def test_contact_is_with_obstacles_not_with_what_one_stands_on(kind, contact):
     box = {"center": (0.0, 0.0, 0.0), "half": (0.5, 0.5, 0.005), "kind": kind}
