@@ -259,7 +259,12 @@ def test_the_policy_decides_whether_depth_is_rendered():
 
 def test_a_teacher_is_trained_first_and_its_run_is_where_the_policys_is(monkeypatch, tmp_path, capsys):
     """Both parts by the tiny learner: what is asked of them, in which order, and what a repeated command does."""
-    built = []
+    built, met = [], []
+
+    def meet(action):
+        """Where processes wait for each other."""
+        met.append((len(built), checkpoint.newest(tmp_path / "run" / "teacher")))
+        action()
 
     def note(config, *teacher):
         built.append((config, *teacher))
@@ -267,9 +272,11 @@ def test_a_teacher_is_trained_first_and_its_run_is_where_the_policys_is(monkeypa
 
     monkeypatch.setattr(start, "build", note)
     monkeypatch.setattr(start, "build_student", note)
+    monkeypatch.setattr(start.collectives, "on_first", meet)
     command = [*RUN, "--method", "distill", "--distill.teacher-ratio", "2", "--distill.minibatch", "16", "--out", "run"]
     assert main(command) == 0
     (teacher, *_), (student, place) = built
+    assert (1, 384) in met  # nobody reads the teacher before all of it is written
     assert str(place) == "run/teacher" and start.finished(place, teacher)
     assert teacher.policy == "privileged" and teacher.ppo.total_steps == 2 * 192
     assert student.policy == "state-only" and student.method == "distill" and student.network.critic == "privileged"
