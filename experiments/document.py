@@ -132,10 +132,12 @@ def simcheck() -> str:
         return ""
     head = ["policy", "samples", "task", "episodes", "metric", "C MuJoCo", "MJX", "ratio", "difference"]
     body = [_sides(r, r["metrics"], name, 2) for r in found for name in ("distance", "collisions", "return", "length")]
-    again = [_sides(r, r["replay"], name, 4) for r in found for name in ("distance", "contacts")]
-    for row, result in zip(again, [r for r in found for _ in range(2)], strict=True):
+    seconds = [r for r in found if r["replay"]["windows"]]  # an episode may end before its first
+    again = [_sides(r, r["replay"], name, 4) for r in seconds for name in ("distance", "contacts")]
+    for row, result in zip(again, [r for r in seconds for _ in range(2)], strict=True):
         row[3] = f"{result['replay']['windows']:,}"
-    away = [f"{r['policy']} on {_where(r)} {r['replay']['targets']['mean']:.1e} rad" for r in found]
+    told = [(r, r["replay"].get("targets")) for r in seconds]
+    away = [f"{r['policy']} on {_where(r)} {targets['mean']:.1e} rad" for r, targets in told if targets]
     solvers = {f"{r['physics']['iterations']} × {r['physics']['ls_iterations']}" for r in found}
     said = REPLAY.format(solver=" or ".join(sorted(solvers)), seconds=found[0]["replay"]["seconds"])
     replays = markdown([*head[:3], "seconds", *head[4:]], again)
@@ -149,7 +151,8 @@ def _sides(result: dict[str, Any], metrics: dict[str, Any], name: str, digits: i
         *(result["policy"], f"{result['samples']:,}", _where(result), str(result["num_episodes"]), name),
         *(f"{m[f'{side}_mean']:.{digits}f} ± {m[f'{side}_std']:.{digits}f}" for side in ("c", "mjx")),
         "—" if m["ratio"] is None else f"{m['ratio']:.{digits + 1}f}",
-        f"{m['difference']:+.{digits}f} ± {m['standard_error']:.{digits}f}",
+        f"{m['difference']:+.{digits}f}"
+        + (f" ± {m['standard_error']:.{digits}f}" if m["standard_error"] is not None else ""),
     ]
 
 

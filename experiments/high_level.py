@@ -100,9 +100,10 @@ def compare(name: str, policy: Path, tasks: list[str], episodes: int) -> None:
     for task in tasks:
         path = RESULTS / "compare" / f"{name}-{task}.json"
         if path.exists() and json.loads(path.read_text()) | about == json.loads(path.read_text()):
-            rows = json.loads(path.read_text())["rows"][:episodes]
+            rows = json.loads(path.read_text())["rows"]
         else:
             rows = []
+        # As many as there are already, or more: what has been run is not thrown away.
         rows += [episode(policy, task, seed) for seed in range(len(rows), episodes)]
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(about | {"task": task, "rows": rows}, indent=1) + "\n")

@@ -50,6 +50,12 @@ def yaw(quat: Any, xp: ModuleType = np) -> Any:
     return xp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
+def turned(quat: np.ndarray, angle: float) -> np.ndarray:
+    """(4,) a unit quaternion after a turn of the world about z, rad."""
+    (c, _, _, s), (w, x, y, z) = from_yaw(angle), quat
+    return np.array([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w])
+
+
 def from_yaw(angle: float) -> np.ndarray:
     """(4,) quaternion of a turn about z, rad."""
     return np.array([np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)])

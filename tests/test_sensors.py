@@ -27,6 +27,23 @@ def readings(xp, rng):
     return Readings(*(xp.asarray(array) for array in (QUAT, *arrays)))
 
 
+def test_a_robot_that_does_not_know_where_it_is_sets_out_along_x():
+    """Its IMU's yaw is of any frame; training knows one in which robots set out along +x."""
+    config = ObservationConfig(displacement=False, velocity=True, attitude=True)
+    described = description.describe(Config(env=EnvConfig(observation=config)), ("state",), 1)
+
+    def seen(yaw, later, position):
+        observer, states = Observer(folder.build(described)), []
+        for angle in (yaw, yaw + later):
+            quat, ahead = rotations.turned(QUAT, angle), rotations.matrix(rotations.from_yaw(angle))[:, 0]
+            measured = Sensors(0.0, np.zeros(12), np.zeros(12), quat, np.zeros(3), position)
+            states.append(observer.observe(measured, None, np.zeros(12), ahead)["state"])
+        return states[1]
+
+    np.testing.assert_allclose(seen(2.0, 0.3, None), seen(0.0, 0.3, None), atol=1e-6)
+    assert np.abs(seen(2.0, 0.3, np.zeros(3)) - seen(0.0, 0.3, np.zeros(3))).max() > 0.5
+
+
 def test_every_sensor_has_its_size_and_is_the_same_for_jax_and_for_numpy():
     ours, theirs = (sensors.measure(readings(xp, np.random.default_rng(0)), SENSORS, xp) for xp in (jp, np))
     for name, sensor in SENSORS.items():

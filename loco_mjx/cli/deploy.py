@@ -99,13 +99,17 @@ def main(args: Sequence[str]) -> int:
         # Simulated time stands still while the policy thinks: its own processor time counts, not who else uses it.
         robot, clock, patience = simulated(options, manifest), time.thread_time, PATIENCE
     how: dict[str, Any] = {"limits": options.limits, "clock": clock, "say": say, "patience": patience}
+    runner: Runner
     try:
         if manifest.controller.name == Runner.for_controller:
-            return ended(options, Runner(manifest, session, robot, **how).run(options.seconds))
-        walker = Guided(manifest, session, get_robot(manifest.body), robot, **how)
-        return walked(options, walker, walker.run(options.seconds))
+            runner = Runner(manifest, session, robot, **how)
+        else:
+            how["waits"] = options.robot != "a1"
+            runner = Guided(manifest, session, get_robot(manifest.body), robot, **how)
+        record = runner.run(options.seconds)
     finally:
-        robot.close()
+        robot.close()  # before anything is written, which may take a while
+    return ended(options, record, runner)
 
 
 def walk(options: Options) -> int:
@@ -125,19 +129,16 @@ def walk(options: Options) -> int:
     try:
         command = (options.vx, options.yaw)
         walker = Walker(about, lambda _: command, robot, options.limits, clock=clock, say=say, patience=patience)
-        return walked(options, walker, walker.run(options.seconds))
+        record = walker.run(options.seconds)
     finally:
         robot.close()
+    return ended(options, record, walker)
 
 
-def walked(options: Options, walker: Walker, record: Record) -> int:
-    """As :func:`ended`, of the whole-body controller."""
-    print(f"programs not solved: {walker.unsolved}")
-    return ended(options, record)
-
-
-def ended(options: Options, record: Record) -> int:
+def ended(options: Options, record: Record, runner: Runner) -> int:
     """Keeps the record and prints how it went; the exit code."""
+    if isinstance(runner, Walker):
+        print(f"programs not solved: {runner.unsolved}")
     if options.log is not None:
         record.save(options.log)
     with contextlib.suppress(OSError, ValueError):  # a terminal that is gone

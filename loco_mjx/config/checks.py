@@ -42,6 +42,7 @@ def check(config: Config, num_devices: int = 1) -> None:
             f"{ppo.iterations * ppo.samples_per_iteration}; accepted: {MOST_SAMPLES} or less"
         )
     _check_order(config)
+    _check_latency(config.env)
     _check_narrowing("ppo.final_std", ppo.final_std, config.network.initial_std)
     if config.method == "distill":
         _check_distill(config, num_devices)
@@ -55,6 +56,15 @@ def _check_observation(env: EnvConfig) -> None:
         raise UserError(
             f"env.observation.last_action is True, joint targets, which controller '{env.controller}' has none of; "
             "accepted: False"
+        )
+
+
+def _check_latency(env: EnvConfig) -> None:
+    """Checks that what is measured late is not older than a history can hold."""
+    step, latency = 1 / get_controller(env.controller).rate(get_robot(env.robot)), env.randomization.latency
+    if env.randomization.enabled and latency[1] > step:
+        raise UserError(
+            f"env.randomization.latency is {latency}, more than a control step of this robot; accepted: up to {step:g}"
         )
 
 

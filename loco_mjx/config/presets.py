@@ -6,7 +6,7 @@ import dataclasses
 
 from loco_mjx import controllers
 from loco_mjx.config.controllers import with_controller
-from loco_mjx.config.tree import Config
+from loco_mjx.config.tree import Config, RandomizationConfig
 from loco_mjx.errors import UnknownNameError
 from loco_mjx.robots import DEFAULT, get_robot
 
@@ -53,13 +53,18 @@ def _paper(config: Config) -> Config:
 def with_robot(config: Config, name: str) -> Config:
     """The configuration for a robot, by name or path.
 
-    What was the former robot's own, gains and what an action of 1 means, becomes this one's; what was chosen stays.
+    What was the former robot's own, gains, what an action of 1 means, the latency that is drawn (a control step at
+    most), becomes this one's; what was chosen stays.
 
     Raises:
         UnknownNameError: if there is no robot of that name.
         UserError: if its MJCF does not fit.
     """
     before, robot, env = get_robot(config.env.robot), get_robot(name), config.env
+    own, drawn = RandomizationConfig.latency, env.randomization
+    short, former = ((own[0], min(own[1], 1 / one.policy_hz)) for one in (robot, before))
+    if drawn.latency == former:
+        drawn = dataclasses.replace(drawn, latency=short)
     scale = robot.action_scale if env.action.scale == before.action_scale else env.action.scale
     return dataclasses.replace(
         config,
@@ -69,6 +74,7 @@ def with_robot(config: Config, name: str) -> Config:
             kp=robot.kp if env.kp == before.kp else env.kp,
             kd=robot.kd if env.kd == before.kd else env.kd,
             action=dataclasses.replace(env.action, scale=scale),
+            randomization=drawn,
         ),
     )
 

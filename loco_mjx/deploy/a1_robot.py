@@ -26,6 +26,8 @@ SERVO = 0x0A  # a motor's mode in which it follows targets
 NO_POSITION, NO_VELOCITY = 2.146e9, 16000.0  # targets that mean there is none
 CONNECT = 2.0  # s in which the robot has to answer
 PERIOD = 0.0025  # s between commands
+LAST = 3  # packets that let the motors go
+SILENT, ASKED = 2 * PERIOD, 3  # s without a packet, after which so many more are asked for
 
 
 class A1Robot:
@@ -60,6 +62,7 @@ class A1Robot:
         self._tick: int | None = None
         self._heard = self._due = self.now()
         self._camera: RealSense | None = None
+        self._closed = False
         try:
             self._connect()
             if camera is not None:
@@ -68,7 +71,7 @@ class A1Robot:
         except RobotError as error:
             self.close()
             raise UserError(f"the robot is not ready ({error}); it was not commanded") from error
-        except UserError:
+        except BaseException:
             self.close()
             raise
 
@@ -79,10 +82,14 @@ class A1Robot:
     def read(self) -> Sensors:
         """The newest measurements; their time is that of the packet that brought them.
 
+        Where none has come for a while, since nothing was sent, the last packet is sent again: before the first command
+        it asks for nothing, then for what the motors do anyway.
+
         Raises:
             RobotError: if there has never been any.
         """
         self._receive()
+        self._ask()
         if self._tick is None:
             raise RobotError(
                 "the robot does not answer; is it on, in low-level mode, and this computer in its network?"
@@ -124,15 +131,22 @@ class A1Robot:
         self._safety.PositionLimit(self._command)
         self._send()
         now = self.now()
-        self._due = max(self._due + PERIOD, now)
+        self._due = self._due + PERIOD if self._due + PERIOD > now else now + PERIOD
         time.sleep(self._due - now)
 
     def close(self) -> None:
-        """Lets the motors go limp and stops the camera."""
-        self._idle()
-        if self._camera is not None:
-            self._camera.close()
-        self._lock.release()
+        """Lets the motors go limp and stops the camera. Again, it does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            for _ in range(LAST):  # a packet may be lost
+                self._idle()
+                time.sleep(PERIOD)
+        finally:
+            if self._camera is not None:
+                self._camera.close()
+            self._lock.release()
 
     def _connect(self) -> None:
         end = self.now() + CONNECT
@@ -141,6 +155,14 @@ class A1Robot:
             time.sleep(PERIOD)
             self._receive()
         self.read()
+
+    def _ask(self) -> None:
+        for _ in range(ASKED):
+            if self._tick is None or self.now() - self._heard <= SILENT:
+                return
+            self._send()
+            time.sleep(PERIOD)
+            self._receive()
 
     def _idle(self) -> None:
         for motor in self._command.motorCmd[:NJOINT]:

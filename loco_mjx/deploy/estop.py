@@ -11,9 +11,12 @@ from types import FrameType
 
 from loco_mjx.deploy.safety import Cause, Stop
 
+# Of Ctrl-C, Ctrl-backslash, Ctrl-Z, of a terminal that is gone, and others: none may leave a robot standing.
+SIGNALS = (signal.SIGINT, signal.SIGQUIT, signal.SIGTSTP, signal.SIGHUP, signal.SIGTERM, signal.SIGUSR1)
+
 
 class EmergencyStop:
-    """Set by a signal (Ctrl-C, SIGTERM, SIGHUP, SIGUSR1) or by Enter on a terminal; once set it stays."""
+    """Set by one of SIGNALS, such as Ctrl-C, or by Enter on a terminal; once set it stays."""
 
     def __init__(self) -> None:
         self.by: str | None = None
@@ -30,8 +33,10 @@ class EmergencyStop:
         """Listens to signals; outside of the main thread Python does not allow it and only the key is left."""
         before: dict[int, object] = {}
         with contextlib.suppress(ValueError):
-            for name in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
+            for name in SIGNALS:
                 before[name] = signal.signal(name, self._signalled)
+            # Where the process is in the background, to read the key fails, instead of stopping the process.
+            before[signal.SIGTTIN] = signal.signal(signal.SIGTTIN, signal.SIG_IGN)
         try:
             yield
         finally:

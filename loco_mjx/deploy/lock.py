@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import fcntl
 import os
-import tempfile
 from pathlib import Path
 
 from loco_mjx.errors import UserError
 
-FOLDER = Path(tempfile.gettempdir())
+FOLDER = Path("/tmp")  # whoever runs it, with whatever TMPDIR
 
 
 class Lock:

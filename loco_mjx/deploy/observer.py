@@ -60,6 +60,7 @@ class Observer:
         self._stack: np.ndarray | None = None
         self._held = DepthHold(manifest.hold)
         self._position: np.ndarray | None = None
+        self._heading: float | None = None
 
     def observe(
         self, sensors: Sensors, frame: Frame | None, targets: np.ndarray | None, velocity: np.ndarray | None = None
@@ -71,6 +72,9 @@ class Observer:
             frame: the newest image; None if the policy reads none.
             targets: (12,) the last tick's joint targets, rad; the default pose before the first; None without any.
             velocity: (3,) of the trunk, the mean since the last tick, world frame, m/s; None: from where the robot is.
+
+        In the world's frame, as policies know it, they set out along +x. A robot that does not know where it is has an
+        IMU whose yaw is of any frame: there +x is where it looks in the first observation.
 
         Returns:
             `state` (n,) and `depth` (height, width, frames), whichever the policy reads; float32.
@@ -87,13 +91,19 @@ class Observer:
     def _measured(
         self, sensors: Sensors, targets: np.ndarray | None, velocity: np.ndarray | None
     ) -> dict[str, np.ndarray]:
-        displacement = None
-        if sensors.position is not None:
+        displacement, quat = None, rotations.unit(sensors.quat)
+        if sensors.position is None:  # nor does it know where the course leads: along where it looked at first
+            if self._heading is None:
+                self._heading = float(rotations.yaw(quat))
+            quat = rotations.turned(quat, -self._heading)
+            if velocity is not None:
+                velocity = rotations.matrix(rotations.from_yaw(-self._heading)) @ velocity
+        else:
             displacement = sensors.position - (sensors.position if self._position is None else self._position)
             self._position = sensors.position
             velocity = displacement * self._manifest.policy_hz if velocity is None else velocity
         readings = Readings(
-            quat=rotations.unit(sensors.quat),
+            quat=quat,
             gyro=sensors.gyro,
             angles=sensors.angles,
             last_action=None if targets is None else targets - self._manifest.default_pose,

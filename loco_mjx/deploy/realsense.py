@@ -22,6 +22,7 @@ from loco_mjx.errors import UserError
 SIZE, RATES = (424, 240), (60, 30)  # pixels; frames per second, the first that the camera has
 FIRST_FRAME = 3.0  # s until the first frame has to be there
 WAIT = 0.1  # s that the thread waits before it looks whether it is to end
+MEASURED = 0.05  # of an image's pixels that have to be measured: of the ground alone there are more
 OUTSIDE = 0.05  # of the image's width and height by which rays may miss it; they read its border
 
 
@@ -102,13 +103,19 @@ class RealSense:
         self.newest: Frame | None = None
         self._error: str | None = None
         self._ended = threading.Event()
-        self._sensor, profile = self._find(rs.context().query_all_sensors() if sensors is None else sensors)
+        try:
+            self._sensor, profile = self._find(rs.context().query_all_sensors() if sensors is None else sensors)
+        except RuntimeError as error:
+            raise RobotError(f"the depth camera cannot be found: {error}") from error
         found = profile.as_video_stream_profile().get_intrinsics()
         size = (found.width, found.height)
         self._sampler = Sampler(camera, Intrinsics(*size, found.fx, found.fy, found.ppx, found.ppy))
         self._queue = rs.frame_queue(1)
-        self._sensor.open(profile)
-        self._sensor.start(self._queue)
+        try:
+            self._sensor.open(profile)
+            self._sensor.start(self._queue)
+        except RuntimeError as error:  # another program has it
+            raise RobotError(f"the depth camera cannot be started: {error}") from error
         self._thread = threading.Thread(target=self._take, daemon=True, name="depth camera")
         self._thread.start()
 
@@ -164,6 +171,8 @@ class RealSense:
                 if there:
                     exposed = self._now() - self._age(frame)
                     raw = np.asanyarray(frame.get_data())
+                    if np.count_nonzero(raw) < MEASURED * raw.size:  # no image: the last one grows old
+                        continue
                     self.newest = Frame(exposed, self._sampler(raw, frame.as_depth_frame().get_units()))
         except Exception as error:  # whatever it is, the robot must hear of it
             self._error = str(error)

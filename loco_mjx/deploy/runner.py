@@ -135,9 +135,9 @@ class Runner:
             except BaseException:
                 self._sink()
                 raise
-        self.record.misses, self.record.clamped = self.guard.misses, self.guard.clamped
-        self._event("done")
-        self._flush()
+            self.record.misses, self.record.clamped = self.guard.misses, self.guard.clamped
+            self._event("done")
+            self._flush()
         return self.record
 
     def _fault(self, cause: Cause, detail: str) -> None:
@@ -184,11 +184,15 @@ class Runner:
             frame = self.robot.depth()
             self.guard.frame(frame, self.robot.now())
         obs = self._observe(sensors, frame, before)
+        targets = self._asked(obs)
+        return frame, obs, targets, self._clock() - begin
+
+    def _asked(self, obs: dict[str, np.ndarray]) -> np.ndarray:
+        """What the policy says."""
         try:
-            targets = np.asarray(self.policy(obs), np.float64)
+            return np.asarray(self.policy(obs), np.float64)
         except Exception as error:  # a runtime's errors have no common base
             raise Stop(Cause.POLICY, f"{type(error).__name__}: {error}") from error
-        return frame, obs, targets, self._clock() - begin
 
     def _observe(self, sensors: Sensors, frame: Frame | None, before: np.ndarray) -> dict[str, np.ndarray]:
         """The observation of a tick, after the targets of the one before."""

@@ -92,6 +92,7 @@ class Guard:
         limits.check()
         self.limits = limits
         self._now = -math.inf
+        self._commanded = math.inf  # time of the last measurement for which there was a command, s
         self._joints, self._trunk, self._image = Unchanged(), Unchanged(), Unchanged()
         self._encoders = Stuck()
         self._manifest = manifest
@@ -185,7 +186,7 @@ class Guard:
         within = np.clip(targets, m.lower, m.upper)
         self._stuck(sensors, within)
         torque = kp * (within - sensors.angles) - kd * sensors.velocities
-        over = self._over(torque)
+        over = self._over(torque, sensors.time)
         allowed = np.clip(torque, -m.torque_limit, m.torque_limit)
         bounded = np.where(over, sensors.angles + (allowed + kd * sensors.velocities) / kp, within)
         safe = np.clip(bounded, m.lower, m.upper)
@@ -198,23 +199,28 @@ class Guard:
         Raises Stop for a joint that asks for too much for too long.
         """
         m = self._manifest
+        if not all(np.all(np.isfinite(part)) for part in command):
+            raise Stop(Cause.NONFINITE_ACTION, "the command is not a number")
         angles = np.clip(command.angles, m.lower, m.upper)
         asked = command.torque + command.kp * (angles - sensors.angles)
         asked = asked + command.kd * (command.velocities - sensors.velocities)
-        self._over(asked)
+        self._over(asked, sensors.time)
         excess = asked - np.clip(asked, -m.torque_limit, m.torque_limit)
         self.clamped += int(np.any(excess) or np.any(angles != command.angles))
         return command._replace(angles=angles, torque=command.torque - excess)
 
-    def _over(self, torque: np.ndarray) -> np.ndarray:
-        """Which joints (12,) ask for more than the torque limit.
+    def _over(self, torque: np.ndarray, time: float) -> np.ndarray:
+        """Which joints (12,) ask for more than the torque limit, at a measurement's time, s.
 
         Raises:
             Stop: for one that does for too long.
         """
         m = self._manifest
         over = np.abs(torque) > m.torque_limit
-        self._saturated = np.where(over, self._saturated + 1 / m.pd_hz, 0.0)
+        # A command holds until the next one, however long that takes; what has no time of its own takes its turn.
+        elapsed = np.clip(time - self._commanded, 1 / m.pd_hz, self.limits.sensor_age)
+        self._commanded = time
+        self._saturated = np.where(over, self._saturated + elapsed, 0.0)
         worst = int(np.argmax(self._saturated))
         if self._saturated[worst] > self.limits.saturated:
             raise Stop(Cause.TORQUE, f"{m.joints[worst]} asks for {torque[worst]:.0f} N·m")

@@ -12,6 +12,7 @@ from loco_mjx.robots import LEGS, NJOINT, NQ, NV, PARTS, Robot, joint_names
 
 TOUCHES = 2  # conaffinity of the robot's spheres, contype of a scene's geoms; and the other way about 1
 ROUGH = ("foot", "knee")  # the spheres with friction
+SEEN = 2  # group of a scene's geoms that cameras see
 
 
 def compiled(robot: Robot) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
@@ -81,6 +82,8 @@ def _unfit(robot: Robot, model: mujoco.MjModel) -> str | None:
     others = [g for g in range(model.ngeom) if model.geom(g).name not in robot.spheres]
     if model.geom_contype[others].any() or model.geom_conaffinity[others].any():
         return "geoms other than its spheres collide; accepted: contype 0, conaffinity 0"
+    if (model.geom_group == SEEN).any():
+        return f"it has geoms of group {SEEN}, which are those of a scene that cameras see; accepted: group 1"
     spheres = [model.geom(name).id for name in robot.spheres]
     for kind, solref, solimp in (
         ("spheres", model.geom_solref[spheres], model.geom_solimp[spheres]),

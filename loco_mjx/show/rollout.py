@@ -71,6 +71,7 @@ class Agent:
         if kind == "policy" and policy is None:
             raise UserError("there is no policy to run; accepted: the directory of a run, or the zero or random agent")
         self.kind, self.policy = kind, policy if kind == "policy" else None
+        self.given, self.robot = policy, robot  # for another agent in its place
         own = kind if kind in CONTROLLERS else controllers.DEFAULT
         self._config: Config = policy.config if policy is not None else preset("fast", robot, own)
         self._command = command

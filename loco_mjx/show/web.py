@@ -56,7 +56,7 @@ class Viewer:
             raise UserError("--web needs viser; install it with `pip install 'loco-mjx[play]'`") from None
         _check_port(host, port)
         self.agents: dict[str, Agent] = {agent.kind: agent}
-        self._policy = agent.policy
+        self._policy, self._robot = agent.given, agent.robot
         self.kind: Kind = agent.kind
         self.task, self.seed = task, seed
         self.paused, self.error, self.steps = False, "", 0
@@ -190,7 +190,7 @@ class Viewer:
 
     def _prepare(self) -> None:
         """Agent and environment as chosen; compiles where the task is new, and says so on the page."""
-        agent = self.agents.get(self.kind) or Agent(self.kind, self._policy)
+        agent = self.agents.get(self.kind) or Agent(self.kind, self._policy, self._robot)
         self.agents[self.kind] = agent
         config = agent.env_config(self.task)
         if self.rollout is not None and self.rollout.config == config:

@@ -27,6 +27,7 @@ from loco_mjx.evaluation.episodes import Figures, Tally, evaluation_config, figu
 from loco_mjx.run import needs, provenance
 from loco_mjx.scene.tasks import get_task
 from loco_mjx.sharding import dividing_devices, make_mesh
+from loco_mjx.simcheck.follow import make_follower
 from loco_mjx.simcheck.replay import Recorder, Replayed, replay
 from loco_mjx.simcheck.sides import CSide, MjxSide, start
 
@@ -86,6 +87,7 @@ def simcheck(
     config = _environment(policy, manifest, task, solver)
     env = LocoEnv(config)
     mesh = make_mesh(dividing_devices(episodes))
+    make_follower(manifest, env.robot)  # which may lack a library
     first = start(env, seed, episodes)
     found, seconds, recorder = {}, {}, Recorder(manifest.hold, env.task.moving, neutral(config))
     with ThreadPoolExecutor(os.cpu_count()) as pool:

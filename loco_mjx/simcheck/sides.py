@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
+from functools import partial
 from typing import Any
 
 import jax
@@ -116,6 +117,14 @@ class WatchedRobot(MujocoRobot):
             self.contact = bool(self._solid[touching].any())
 
 
+def _finished(env: LocoEnv, *step: Any) -> State:
+    """`env.finish_step`, whose key is then what `env.observe` leaves: what is drawn is the same on both sides."""
+    state = env.finish_step(*step)
+    if not env.config.observation.depth.enabled:
+        return state
+    return state.replace(info=state.info | {"key": jax.random.split(state.info["key"])[0]})
+
+
 class CSide:
     """C MuJoCo, one full model per episode."""
 
@@ -126,7 +135,7 @@ class CSide:
         self._prisms = prisms
         self._env, self._manifest, self._policy, self._pool = env, manifest, policy, pool
         self._next_scene = jax.jit(jax.vmap(env.next_scene))
-        self._finish_step = jax.jit(jax.vmap(env.finish_step))
+        self._finish_step = jax.jit(jax.vmap(partial(_finished, env)))
         self.robots: list[WatchedRobot] = []
 
     def begin(self, state: State) -> State:

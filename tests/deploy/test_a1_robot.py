@@ -17,6 +17,7 @@ import pytest
 from loco_mjx.cli.main import main
 from loco_mjx.deploy.a1_robot import NO_POSITION, A1Robot
 from loco_mjx.deploy.robot import RobotError
+from loco_mjx.deploy.safety import Limits
 from tests.deploy import flat
 from tests.known_robots import A1
 from tests.refusals import refusal, says
@@ -130,6 +131,28 @@ def test_commands_are_no_faster_than_400_hz(sdk):
         robot.command(ANGLES, 40.0, 0.6)
     took = Udp.last.times[-1] - Udp.last.times[begin]
     assert took >= (count - 1) * A1.physics_dt
+
+
+def test_it_is_spoken_to_while_nothing_is_commanded(sdk):
+    """A camera that opens, a policy that thinks: what is measured is of now, and nothing new is asked of the motors."""
+    robot = A1Robot(None)
+    for command in (None, ANGLES):
+        if command is not None:
+            robot.command(command, 40.0, 0.6)
+        last = Udp.last.sent[-1]
+        time.sleep(0.1)
+        assert robot.now() - robot.read().time < Limits().sensor_age
+        assert Udp.last.sent[-1] == last
+
+
+def test_the_pace_is_kept_after_a_pause(sdk):
+    robot = A1Robot(None)
+    robot.command(ANGLES, 40.0, 0.6)
+    time.sleep(0.05)
+    begin = len(Udp.last.times)
+    for _ in range(3):
+        robot.command(ANGLES, 40.0, 0.6)
+    assert np.diff(Udp.last.times[begin:]).min() > 0.9 * A1.physics_dt
 
 
 def test_a_robot_that_falls_silent_grows_old(sdk):

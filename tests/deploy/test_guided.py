@@ -1,6 +1,7 @@
 """A policy over the whole-body controller: its folder, and its run on C MuJoCo's A1."""
 
 import dataclasses
+import time
 
 import jax
 import jax.numpy as jp
@@ -42,11 +43,11 @@ def raw():
     return about | {"training": training, "versions": {"loco-mjx": "0"}, "files": {}}
 
 
-def guided(decide, seconds=2.0):
+def guided(decide, seconds=2.0, **how):
     """The run of a policy."""
     manifest = folder.build(raw())
     robot = MujocoRobot(flat.model(), manifest.camera, policy_hz=manifest.policy_hz)
-    run = Guided(manifest, decide, A1, robot, clock=flat.clock, patience=5.0)
+    run = Guided(manifest, decide, A1, robot, clock=flat.clock, patience=5.0, **how)
     return run, run.run(seconds)
 
 
@@ -68,6 +69,31 @@ def test_it_decides_20_times_a_second_and_walks():
     ahead = velocity[:2] @ [np.cos(attitude[2]), np.sin(attitude[2])]
     assert ahead == pytest.approx(0.3, abs=0.08) and abs(velocity[2]) < 0.1
     assert not np.array_equal(seen[-1]["depth"][..., 0], seen[-1]["depth"][..., 1])
+
+
+def test_a_robot_that_does_not_wait_walks_on_while_its_policy_thinks():
+    """Its ticks are on time; what is decided counts from the tick after it is there."""
+    begun = []
+
+    def slowly(obs):
+        begun.append(0.1 + 0.01 * len(begun))
+        time.sleep(0.02)  # several ticks
+        return np.array([begun[-1], 0.0])
+
+    run, record = guided(slowly, seconds=1.0, waits=False)
+    assert record.cause is None and run.unsolved == 0
+    wanted = np.array([row["wanted"][0] for row in record.rows[:200]])
+    np.testing.assert_allclose(np.diff([row["time"] for row in record.rows[:200]]), 0.005, atol=1e-6)
+    changed = np.flatnonzero(np.diff(wanted)) + 1
+    assert 5 < changed.size <= 20 and changed[0] > 1
+    assert set(wanted[changed]) <= set(begun) and np.all(wanted[: changed[0]] == 0)
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_a_policy_that_breaks_stops_the_robot_whether_it_waits_or_not(waits):
+    made = iter([0.0] * 10)
+    record = guided(lambda obs: np.array([0.3, next(made)]), waits=waits)[1]
+    assert record.cause == Cause.POLICY
 
 
 def test_a_policy_that_fails_sits_the_robot_down():

@@ -163,3 +163,27 @@ def test_no_camera_and_no_frame_are_robot_errors(device):
     with refusal("camera frame", RobotError):
         silent.wait(0.05)
     silent.close()
+
+
+def test_an_image_of_nothing_is_none_and_the_last_one_grows_old(camera, device):
+    """A covered lens: its image would say that all is free as far as it sees."""
+    seen = newest(camera, device, raw_image(D435))
+    for _ in range(5):
+        device.send(np.zeros((HEIGHT, WIDTH), np.uint16))
+        time.sleep(0.02)
+    assert camera.depth() is seen
+    guard = Guard(replace(flat.manifest(), camera=CAMERA), Limits())
+    with pytest.raises(Stop, match=Cause.STALE_CAMERA):
+        guard.frame(camera.depth(), time.monotonic() + 1.0)
+
+
+def test_a_camera_that_another_program_has_is_one_line(device):
+    class Busy:
+        def __getattr__(self, name):
+            return getattr(device.sensors[0], name)
+
+        def open(self, profile):
+            raise RuntimeError("Device or resource busy")
+
+    with refusal("camera busy", RobotError):
+        RealSense(CAMERA, time.monotonic, [Busy()])

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loco_mjx.deploy.estop import EmergencyStop
-from loco_mjx.deploy.mujoco_robot import Imperfections
+from loco_mjx.deploy.estop import SIGNALS, EmergencyStop
+from loco_mjx.deploy.mujoco_robot import Imperfections, MujocoRobot
 from loco_mjx.deploy.robot import RobotError
 from loco_mjx.deploy.safety import Cause, Guard, Limits, Stop
 from loco_mjx.errors import UserError
+from loco_mjx.robots.motor import MotorCommand
 from tests.deploy import flat
 from tests.deploy.faulty import FAULT, Faulty, lies
 from tests.known_robots import A1
@@ -88,11 +89,11 @@ def test_torque_asked_for_too_long():
     robot = Faulty()
     far = np.array(A1.default_pose) + np.tile([0.0, 3.0, 0.0], 4)
     kick = lambda obs: far if robot.broken else flat.still(obs)  # noqa: E731
-    record = stopped(robot, Cause.TORQUE, policy=kick, limits=Limits(saturated=0.02))
+    record = stopped(robot, Cause.TORQUE, policy=kick, limits=Limits(saturated=0.021))
     assert record.clamped >= 8
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGUSR1])
+@pytest.mark.parametrize("number", SIGNALS)
 def test_emergency_stop_by_signal(number):
     sent = []
     robot = Faulty(before=lambda robot: sent or (sent.append(1), os.kill(os.getpid(), number)))
@@ -158,3 +159,26 @@ def test_never_commanded_before_every_check_has_passed(name):
 
 def test_stop_names_its_cause():
     assert says(str(Stop(Cause.TILT, "70°")), f"{Cause.TILT} 70°")
+
+
+def test_a_torque_asked_for_counts_for_as_long_as_it_is_held():
+    """Commands twice as far apart as they should be: the time counts, not their number."""
+    guard, far = Guard(flat.manifest(), Limits(saturated=0.1)), np.array(A1.default_pose) + 3.0
+    measured = MujocoRobot(flat.model(), None).read()
+    spacing, given = 2 * A1.physics_dt, 0
+    with pytest.raises(Stop, match="torque limit"):
+        for given in range(100):
+            angles = measured.angles + 1e-4 * given
+            now = replace(measured, time=given * spacing, angles=angles)
+            guard.clamp(np.clip(far, A1.lower, A1.upper), now, 40.0, 0.6)
+    assert given * spacing == pytest.approx(0.1, abs=2 * spacing)
+
+
+def test_motors_are_told_nothing_that_is_no_number():
+    measured = MujocoRobot(flat.model(), None).read()
+    good = MotorCommand(measured.angles, *(np.zeros(12) for _ in range(4)))
+    guard = Guard(flat.manifest(), Limits())
+    guard.motors(good, measured)
+    for name in good._fields:
+        with pytest.raises(Stop, match="non-finite action"):
+            guard.motors(good._replace(**{name: np.full(12, np.nan)}), measured)

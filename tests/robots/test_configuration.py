@@ -10,7 +10,7 @@ from loco_mjx.cli import train
 from loco_mjx.cli.main import main
 from loco_mjx.config import Config, check, from_dict, preset, to_dict, with_robot
 from loco_mjx.config.keys import with_keys
-from tests.known_robots import GO1, GO2
+from tests.known_robots import A1, GO1, GO2
 from tests.refusals import refusal, says
 
 
@@ -42,6 +42,19 @@ def test_a_configuration_of_before_there_were_robots_is_an_a1s():
     written = to_dict(Config())
     del written["env"]["robot"]
     assert from_dict(Config, written).env.robot == "a1"
+
+
+def test_what_is_measured_late_is_no_older_than_a_control_step(tmp_path):
+    """Of a robot of 50 Hz half as old as of one of 25; older is refused."""
+    text = A1.path.read_text()
+    assert 'name="policy_hz" data="25"' in text
+    (tmp_path / "mine.xml").write_text(text.replace('name="policy_hz" data="25"', 'name="policy_hz" data="50"'))
+    mine = preset("real", robot=str(tmp_path / "mine.xml"))
+    assert mine.env.randomization.latency == (0.0, 0.02) and preset("real").env.randomization.latency == (0.0, 0.04)
+    check(mine)
+    late = dataclasses.replace(mine.env.randomization, latency=(0.0, 0.03))
+    with refusal("env.randomization.latency 0.03 0.02"):
+        check(dataclasses.replace(mine, env=dataclasses.replace(mine.env, randomization=late)))
 
 
 @pytest.mark.parametrize("command", ("train", "scene", "bench", "play"))

@@ -158,6 +158,10 @@ ASSUMED = {
         ('<geom class="sole"/>', '<geom type="sphere" size="0.01"/>'),
         "collide contype 0",
     ),
+    "looks that its own camera sees": (
+        ('<geom class="sole"/>', '<geom type="sphere" size="0.01" contype="0" conaffinity="0" group="2"/>'),
+        "group 2 1",
+    ),
     "no friction under a foot": (('-0.213" condim="3"', '-0.213" condim="1"'), "FR_foot_sphere condim"),
     "two kinds of contact": (('size="0.025" condim="3"', 'size="0.025" condim="3" solref="0.01 1"'), "solref"),
     "another cone": (('cone="pyramidal"', 'cone="elliptic"'), "<option> pyramidal"),
