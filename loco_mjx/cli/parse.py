@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+import functools
+import io
+import typing
 from collections.abc import Sequence
 from typing import Any, NoReturn, TypeVar
 
@@ -38,7 +43,7 @@ def parse(
     if page.asked(args):
         _help(kind, prog, default, names, keys, page.ALL in args)
     words.refuse_contradictions(kind, args)
-    filled = _tyro(kind, args, prog, default)
+    filled = _filled(kind, args, prog, default, keys)
     ranges.check(filled, called=_called)
     return filled
 
@@ -58,6 +63,34 @@ def _help(
         kind, default = page.brief(kind, default, keys)
     _tyro(kind, ["--help"], prog, default, said)
     raise SystemExit(0)
+
+
+def _filled(kind: type[T], args: Sequence[str], prog: str, default: T | None, keys: Sequence[str]) -> T:
+    """As :func:`_tyro`, which looks only at those keys of a configuration of which the command line names one.
+
+    To read the types of all of them takes longer than everything else does. Where that does not do, all are looked at:
+    what is said then knows every option.
+    """
+    named = {name.removeprefix("--").partition(".")[0] for name, _ in words.given(args)}
+    left = frozenset(keys) - named
+    if default is None or not left:
+        return _tyro(kind, args, prog, default)
+    values = {field.name: getattr(default, field.name) for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    lean = _without(kind, left)  # type: ignore[arg-type]
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            found = _tyro(lean, args, prog, lean(**{name: values[name] for name in values.keys() - left}))
+    except SystemExit:
+        return _tyro(kind, args, prog, default)
+    return kind(**values | {name: getattr(found, name) for name in values.keys() - left})
+
+
+@functools.cache
+def _without(kind: type, left: frozenset[str]) -> Any:
+    """A dataclass with the other fields."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    fields = [(field.name, hints[field.name]) for field in dataclasses.fields(kind) if field.name not in left]
+    return dataclasses.make_dataclass(kind.__name__, fields, frozen=True)
 
 
 def _tyro(kind: type[T], args: Sequence[str], prog: str, default: T | None, description: str | None = None) -> T:
