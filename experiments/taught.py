@@ -36,7 +36,6 @@ class Run:
         ratio: samples of its teacher for each of them.
         average: decay of the mean over iterations that its parameters are, and its teacher's; 0: they are the last.
         falling: whether its teacher's learning rate falls to 0.
-        dual: whether the loss of its teacher has a second clip, `ppo.dual_clip`.
     """
 
     task: str
@@ -48,14 +47,13 @@ class Run:
     ratio: float = DistillConfig.teacher_ratio
     average: float = 0.0
     falling: bool = False
-    dual: bool = False
 
     @property
     def name(self) -> str:
         """Name of its directories."""
         marks = [self.task, *([self.policy] if self.policy != SEEING else [])]
         given = {"ppo": self.method == "ppo", "free": self.free, f"x{self.ratio:g}": self.ratio != type(self).ratio}
-        given |= {"falling": self.falling, "dual": self.dual}
+        given |= {"falling": self.falling}
         marks += [mark for mark, is_so in given.items() if is_so]
         return "-".join([*marks, f"seed{self.seed}"])
 
@@ -68,13 +66,10 @@ RUNS += (Run("thin", 0, samples=376_832, free=True),)
 RUNS += tuple(Run("mountain", seed, samples=PIXELS, method="ppo") for seed in (0, 1, 2))
 RUNS += (Run("mountain", 0, "state-only"),)
 RUNS += (Run("mountain", 0, samples=1_000_000, ratio=8.0, average=0.95),)
-RUNS += tuple(Run("mountain", seed, samples=352_256, ratio=16.0, average=0.9) for seed in (0, 1, 2))
-RUNS += (Run("mountain", 0, samples=352_256, ratio=16.0, average=0.9, falling=True),)
 RUNS += tuple(
-    Run(task, seed, samples=352_256, ratio=16.0, average=0.9, dual=True)
-    for task in ("mountain", "thin")
-    for seed in (0, 1, 2)
+    Run(task, seed, samples=352_256, ratio=16.0, average=0.9) for task in ("mountain", "thin") for seed in (0, 1, 2)
 )
+RUNS += (Run("mountain", 0, samples=352_256, ratio=16.0, average=0.9, falling=True),)
 RUNS += tuple(Run(task, 0, samples=376_832) for task in ("moving", "wide", "thin-sphere", "wide-sphere"))
 
 
@@ -85,7 +80,7 @@ def train(run: Run, directory: Path) -> None:
     command += FREE if run.free else ()
     if run.method == "distill":
         command += ["--distill.teacher-ratio", str(run.ratio), "--ppo.average", str(run.average)]
-        command += ["--ppo.learning-rate-decay", str(run.falling), "--ppo.dual-clip", "3" if run.dual else "None"]
+        command += ["--ppo.learning-rate-decay", str(run.falling)]
     command += ["--out", str(directory)]
     subprocess.run([sys.executable, "-m", "loco_mjx.cli.main", "train", *command], check=True)
 

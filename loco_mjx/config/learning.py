@@ -44,9 +44,6 @@ class PPOConfig:
     minibatch: Samples = 256  # samples
     epochs: Passes = 3
     clip: Deviation = 0.2
-    # What was worse than expected, and is by now more than so many times as likely as it was, is not learnt from (Ye et
-    # al. 2020, "Mastering complex control in MOBA games", eq. 5); None: the more likely, the harder it pulls.
-    dual_clip: Annotated[float, Range(1, 100, above=True)] | None = None
     discount: Share = 0.99
     gae_lambda: Share = 0.95
     learning_rate: LearningRate = 1e-4

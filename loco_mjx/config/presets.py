@@ -25,7 +25,6 @@ def _fast(config: Config) -> Config:
         entropy=1e-3,
         reward_scale=0.1,
         learning_rate_decay=False,
-        dual_clip=3.0,
     )
     distill = dataclasses.replace(config.distill, teacher_collision=2.0)
     return dataclasses.replace(config, env=dataclasses.replace(config.env, action=action), ppo=ppo, distill=distill)

@@ -79,10 +79,7 @@ def loss(
     ratio = jp.exp(log_ratio)  # r = π(a|s) / π_old(a|s)
     clipped = jp.clip(ratio, 1.0 - config.clip, 1.0 + config.clip)
     # L_π = −E[min(r A, clip(r, 1 − ε, 1 + ε) A)]
-    surrogate = jp.minimum(ratio * advantage, clipped * advantage)
-    if config.dual_clip is not None:  # where A < 0: max(…, c A)
-        surrogate = jp.where(advantage < 0, jp.maximum(surrogate, config.dual_clip * advantage), surrogate)
-    policy = mean(-surrogate)
+    policy = mean(-jp.minimum(ratio * advantage, clipped * advantage))
     # L_V = E[(V(s) − (V_old(s) + A))²]: the advantage is not normalised here
     value = mean((outputs.value - minibatch.value - minibatch.advantage) ** 2)
     # L = L_π − c_H H + c_V L_V
