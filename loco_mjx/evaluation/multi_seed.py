@@ -59,7 +59,7 @@ def evaluate(directory: Path, task: str | None, **options: Any) -> dict[str, Any
 def table(result: dict[str, Any]) -> Table:
     """The result as people read it: mean ± standard deviation over seeds, the seeds' own means beside them."""
     seeds = result["seeds_trained"]
-    least = min(result["samples_of_seeds"])
+    least = min(result.get("samples_of_seeds", [result["samples"]]))
     samples = f"{result['samples']:,}" if least == result["samples"] else f"{least:,} to {result['samples']:,}"
     trained = f"{result['policy']} trained on {result['trained_on']} ({samples} samples)"
     title = f"{trained}, on {result['task']}: {len(seeds)} seeds, {result['num_episodes']} episodes each"

@@ -11,7 +11,7 @@ from loco_mjx.run import machine
 
 # Samples per second and core on a CPU, by controller, with and without depth, as measured on two cores; for estimates.
 CPU_RATE = {"pd": {True: 400.0, False: 4000.0}, "mpc": {True: 150.0, False: 300.0}}
-CPU_TEACHER_RATE = 2300.0  # the same of method `distill`'s teacher
+CPU_TEACHER_RATE = 4000.0  # the same of method `distill`'s teacher
 
 
 def complete(config: Config) -> Config:

@@ -322,8 +322,8 @@ def test_without_a_budget_a_cpu_gets_one_of_minutes_and_is_told_what_all_would_t
     assert train.default_total(config, seeds=5) == pytest.approx(total / 5, abs=50_000)
     assert says(capsys.readouterr().out, "seed 20")
     taught = train.configuration(train.read(["--method", "distill"]))
-    # By hand: 1/400 s for a sample, 4/2300 s for the teacher's four: 20 minutes of two cores are 566,000 samples.
-    assert train.default_total(taught) == 600_000
+    # By hand: 1/400 s for a sample, 16/4000 s for the teacher's 16: 20 minutes of two cores are 369,000 samples.
+    assert train.default_total(taught) == 400_000
     monkeypatch.setattr(machine, "on_cpu", lambda: False)
     assert train.default_total(config) == config.ppo.total_steps
 
