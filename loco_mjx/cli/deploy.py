@@ -137,11 +137,11 @@ def walk(options: Options) -> int:
 
 def ended(options: Options, record: Record, runner: Runner) -> int:
     """Keeps the record and prints how it went; the exit code."""
-    if isinstance(runner, Walker):
-        print(f"programs not solved: {runner.unsolved}")
     if options.log is not None:
         record.save(options.log)
     with contextlib.suppress(OSError, ValueError):  # a terminal that is gone
+        if isinstance(runner, Walker):
+            print(f"programs not solved: {runner.unsolved}")
         report(record)
     return STOPPED if record.cause is not None else 0
 

@@ -239,7 +239,7 @@ def default_total(config: Config, seeds: int = 1) -> int:
         return full
     seconds = 1 / settings.cpu_rate(config)  # for a sample
     if config.method == "distill":
-        seconds += config.distill.teacher_ratio / settings.cpu_teacher_rate()
+        seconds += config.distill.teacher_ratio / settings.cpu_teacher_rate(config)
     rate = 1 / seconds / seeds
     budget = min(full, max(round(rate * 60 * CPU_MINUTES, -5), 100_000))
     each = "" if seeds == 1 else " of each seed"

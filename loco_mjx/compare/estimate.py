@@ -70,7 +70,7 @@ def _pace(group: Sequence[Cell]) -> Pace | None:
     teacher = group[0].teacher
     if teacher is None or own is None:
         return own
-    taught = _measured_or(settings.cpu_teacher_rate(), teacher, [cell.path / TEACHER for cell in group])
+    taught = _measured_or(settings.cpu_teacher_rate(teacher), teacher, [cell.path / TEACHER for cell in group])
     return None if taught is None else dataclasses.replace(own, teacher=taught)
 
 

@@ -26,6 +26,7 @@ SERVO = 0x0A  # a motor's mode in which it follows targets
 NO_POSITION, NO_VELOCITY = 2.146e9, 16000.0  # targets that mean there is none
 CONNECT = 2.0  # s in which the robot has to answer
 PERIOD = 0.0025  # s between commands
+WAITING = 8  # packets at most that have come since the last look
 LAST = 3  # packets that let the motors go
 SILENT, ASKED = 2 * PERIOD, 3  # s without a packet, after which so many more are asked for
 
@@ -60,7 +61,7 @@ class A1Robot:
         self._command, self._state = self._sdk.LowCmd(), self._sdk.LowState()
         self._udp.InitCmdData(self._command)
         self._tick: int | None = None
-        self._heard = self._due = self.now()
+        self._heard = self._due = self._sent = self.now()
         self._camera: RealSense | None = None
         self._closed = False
         try:
@@ -129,9 +130,10 @@ class A1Robot:
             motor.mode = SERVO
             motor.q, motor.dq, motor.Kp, motor.Kd, motor.tau = (float(value) for value in values)
         self._safety.PositionLimit(self._command)
+        time.sleep(max(self._sent + PERIOD - self.now(), 0.0))  # what is late is made up for, but never two at once
         self._send()
         now = self.now()
-        self._due = self._due + PERIOD if self._due + PERIOD > now else now + PERIOD
+        self._due = max(self._due + PERIOD, now)
         time.sleep(self._due - now)
 
     def close(self) -> None:
@@ -173,11 +175,14 @@ class A1Robot:
     def _send(self) -> None:
         self._udp.SetSend(self._command)
         self._udp.Send()
+        self._sent = self.now()
 
     def _receive(self) -> None:
-        """Takes in what has come. A packet is new if the robot's own clock has gone on."""
-        self._udp.Recv()
-        self._udp.GetRecv(self._state)
-        tick = int(self._state.tick)
-        if tick != (self._tick or 0):
+        """Takes in all that has come. A packet is new if the robot's own clock has gone on."""
+        for _ in range(WAITING):
+            self._udp.Recv()
+            self._udp.GetRecv(self._state)
+            tick = int(self._state.tick)
+            if tick == (self._tick or 0):
+                return
             self._tick, self._heard = tick, self.now()

@@ -72,6 +72,7 @@ class Guided(Walker):
 
     def _want(self, tick: int, seconds: float) -> np.ndarray:
         """The policy's command: a new one every control step."""
+        self._spent = 0.0
         if self._waits and tick % self._every == 0:
             self._held = self._command_of_policy()
         elif not self._waits:
@@ -89,6 +90,7 @@ class Guided(Walker):
             self.guard.frame(frame, self.robot.now())
         obs = self._observe(sensors, frame, self._held)
         self._answer = self._thinker.post(lambda: (self._asked(obs), self._clock()))
+        self._spent = self._clock() - self._begun
 
     def _take(self) -> None:
         """Takes in what has been decided, if it has."""

@@ -6,6 +6,7 @@ resize. Which pixel a ray of training falls on is told by the stream's intrinsic
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -102,6 +103,7 @@ class RealSense:
         self._rs, self._now = rs, now
         self.newest: Frame | None = None
         self._error: str | None = None
+        self._blank = False
         self._ended = threading.Event()
         try:
             self._sensor, profile = self._find(rs.context().query_all_sensors() if sensors is None else sensors)
@@ -115,6 +117,8 @@ class RealSense:
             self._sensor.open(profile)
             self._sensor.start(self._queue)
         except RuntimeError as error:  # another program has it
+            with contextlib.suppress(RuntimeError):
+                self._sensor.close()
             raise RobotError(f"the depth camera cannot be started: {error}") from error
         self._thread = threading.Thread(target=self._take, daemon=True, name="depth camera")
         self._thread.start()
@@ -128,7 +132,8 @@ class RealSense:
         if self._error is not None:
             raise RobotError(f"the depth camera has failed: {self._error}")
         if self.newest is None:
-            raise RobotError("the depth camera has sent no frame")
+            measured = "measures nothing; is it covered, or too near?" if self._blank else "has sent no frame"
+            raise RobotError(f"the depth camera {measured}")
         return self.newest
 
     def wait(self, seconds: float = FIRST_FRAME) -> None:
@@ -171,7 +176,8 @@ class RealSense:
                 if there:
                     exposed = self._now() - self._age(frame)
                     raw = np.asanyarray(frame.get_data())
-                    if np.count_nonzero(raw) < MEASURED * raw.size:  # no image: the last one grows old
+                    self._blank = np.count_nonzero(raw) < MEASURED * raw.size
+                    if self._blank:  # no image: the last one grows old
                         continue
                     self.newest = Frame(exposed, self._sampler(raw, frame.as_depth_frame().get_units()))
         except Exception as error:  # whatever it is, the robot must hear of it

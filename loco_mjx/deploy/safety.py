@@ -218,8 +218,9 @@ class Guard:
         m = self._manifest
         over = np.abs(torque) > m.torque_limit
         # A command holds until the next one, however long that takes; what has no time of its own takes its turn.
-        elapsed = np.clip(time - self._commanded, 1 / m.pd_hz, self.limits.sensor_age)
-        self._commanded = time
+        least = 1 / m.pd_hz
+        elapsed = float(np.clip(time - self._commanded, least, max(self.limits.sensor_age, least)))
+        self._commanded = time if math.isinf(self._commanded) else max(time, self._commanded + elapsed)
         self._saturated = np.where(over, self._saturated + elapsed, 0.0)
         worst = int(np.argmax(self._saturated))
         if self._saturated[worst] > self.limits.saturated:

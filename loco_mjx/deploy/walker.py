@@ -95,6 +95,7 @@ class Walker(Runner):
         self._patience = max((1 + self.guard.limits.missed) * TICK, patience)
         self._wanted, self._low = wanted, LowLevel(about, solve)
         self.unsolved = self.clipped = 0
+        self._spent = 0.0  # s that a tick took before it began to measure
 
     def _check_policy(self, sensors: Sensors, frame: Frame | None) -> None:
         """One tick that is thrown away."""
@@ -123,7 +124,7 @@ class Walker(Runner):
         """Measures and decides."""
         begin = self._clock()
         sensors = self._measure()
-        sensed = self._clock() - begin
+        sensed = self._spent + self._clock() - begin
         try:
             command, facts, took = self._worker.call(
                 lambda: self._decided(sensors, wanted), self._patience, self.estop.poll

@@ -11,13 +11,14 @@ from loco_mjx.errors import UserError
 from loco_mjx.evaluation import report
 from loco_mjx.evaluation.display import NOTHING, caption, order
 from loco_mjx.run import checkpoint, results
-from loco_mjx.run.directory import CONFIG, TEACHER
+from loco_mjx.run.directory import CONFIG
 
 
 def holds_seeds(directory: Path) -> bool:
     """Whether a directory is no run itself, but holds runs."""
-    runs = (path.parent.name for path in directory.glob(f"*/{CONFIG}"))
-    return not (directory / CONFIG).exists() and any(name != TEACHER for name in runs)
+    if (directory / CONFIG).exists():
+        return False
+    return any(not results.is_teacher(path.parent) for path in directory.glob(f"*/{CONFIG}"))
 
 
 def evaluate(directory: Path, task: str | None, **options: Any) -> dict[str, Any]:

@@ -89,6 +89,13 @@ def over_seeds(values: Sequence[float]) -> OverSeeds:
     return OverSeeds(float(np.mean(values)), float(np.std(values)), tuple(values))
 
 
+def is_teacher(place: Path) -> bool:
+    """Whether a run is part of the one whose folder it is in, which learns from it, or will."""
+    if place.name != TEACHER:
+        return False
+    return (place.parent / CONFIG).exists() or load_config(place).policy == "privileged"
+
+
 def find_runs(folder: Path) -> list[Run]:
     """Every run in a directory, by path.
 
@@ -99,11 +106,9 @@ def find_runs(folder: Path) -> list[Run]:
         raise UserError(f"{folder} is no directory; give one that `loco-mjx sweep` or `loco-mjx train` wrote")
     runs = []
     for path in sorted(folder.rglob(CONFIG)):
-        place, config = path.parent, load_config(path.parent)
-        learnt_from = (place.parent / CONFIG).exists() or config.policy == "privileged"
-        if place.name == TEACHER and place != folder and learnt_from:  # part of the run that learns from it
+        if path.parent != folder and is_teacher(path.parent):
             continue
-        runs.append(Run.of(place, config))
+        runs.append(Run.of(path.parent, load_config(path.parent)))
     if not runs:
         raise UserError(f"no runs in {folder}; give a directory that `loco-mjx sweep` or `loco-mjx train` wrote")
     return runs

@@ -11,7 +11,7 @@ from loco_mjx.run import machine
 
 # Samples per second and core on a CPU, by controller, with and without depth, as measured on two cores; for estimates.
 CPU_RATE = {"pd": {True: 400.0, False: 4000.0}, "mpc": {True: 150.0, False: 300.0}}
-CPU_TEACHER_RATE = 4000.0  # the same of method `distill`'s teacher
+CPU_TEACHER_RATE = {"pd": 4000.0, "mpc": 300.0}  # the same of method `distill`'s teacher
 
 
 def complete(config: Config) -> Config:
@@ -72,6 +72,6 @@ def cpu_rate(config: Config) -> float:
     return CPU_RATE[config.env.controller][config.env.observation.depth.enabled] * machine.cores()
 
 
-def cpu_teacher_rate() -> float:
-    """Samples per second of training a teacher on all cores of this machine."""
-    return CPU_TEACHER_RATE * machine.cores()
+def cpu_teacher_rate(config: Config) -> float:
+    """Samples per second of training its teacher on all cores of this machine."""
+    return CPU_TEACHER_RATE[config.env.controller] * machine.cores()

@@ -162,7 +162,9 @@ def test_a_teacher_is_part_of_its_pupils_run_and_a_run_of_that_name_is_one(tmp_p
     write_run(tmp_path / "begun", "teacher", policy="privileged")  # whose pupil has not begun
     own = write_run(tmp_path, "teacher", policy="state-only")
     assert {found.path for found in find_runs(tmp_path)} == {run, own}
-    assert not multi_seed.holds_seeds(tmp_path / "begun")
+    assert not multi_seed.holds_seeds(tmp_path / "begun") and multi_seed.holds_seeds(tmp_path)
+    (run / "teacher" / "config.json").write_text("{")  # nobody reads it
+    assert len(find_runs(tmp_path)) == 2
 
 
 def test_the_newest_deterministic_evaluation_counts(tmp_path):

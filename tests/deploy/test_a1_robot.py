@@ -145,6 +145,37 @@ def test_it_is_spoken_to_while_nothing_is_commanded(sdk):
         assert Udp.last.sent[-1] == last
 
 
+class Time:
+    """A clock that goes on by what is slept, and by what is worked."""
+
+    now = 100.0
+
+    def sleep(self, seconds):
+        assert seconds >= 0
+        self.now += seconds
+
+
+@pytest.mark.parametrize("work", [0.001, 0.003, 0.0045])
+def test_ticks_of_five_milliseconds_take_that_long_whatever_part_of_it_is_work(sdk, monkeypatch, work):
+    """What the whole-body controller does: it works, then commands until the next tick; no two packets at once."""
+    clock = Time()
+    monkeypatch.setattr(
+        "loco_mjx.deploy.a1_robot.time", SimpleNamespace(monotonic=lambda: clock.now, sleep=clock.sleep)
+    )
+    robot, sent = A1Robot(None), []
+    monkeypatch.setattr(Udp, "Send", lambda self: sent.append(clock.now))
+    due = begin = clock.now
+    for _ in range(100):
+        clock.sleep(work)
+        due = max(due + 0.005, clock.now)
+        while True:
+            robot.command(ANGLES, 40.0, 0.6)
+            if clock.now > due - 0.5 * A1.physics_dt:
+                break
+    assert (clock.now - begin) / 100 == pytest.approx(0.005, rel=0.03)
+    assert np.diff(sent).min() > A1.physics_dt - 1e-6
+
+
 def test_the_pace_is_kept_after_a_pause(sdk):
     robot = A1Robot(None)
     robot.command(ANGLES, 40.0, 0.6)
@@ -153,6 +184,14 @@ def test_the_pace_is_kept_after_a_pause(sdk):
     for _ in range(3):
         robot.command(ANGLES, 40.0, 0.6)
     assert np.diff(Udp.last.times[begin:]).min() > 0.9 * A1.physics_dt
+
+
+def test_of_several_packets_the_last_one_counts(sdk, monkeypatch):
+    """Those of a pause lie in the socket, one behind the other."""
+    robot, waiting = A1Robot(None), [6000, 8000, 10_000]
+    monkeypatch.setattr(Udp, "Recv", lambda self: waiting and setattr(self, "ticks", waiting.pop(0)))
+    robot.read()
+    assert not waiting
 
 
 def test_a_robot_that_falls_silent_grows_old(sdk):

@@ -187,3 +187,11 @@ def test_a_camera_that_another_program_has_is_one_line(device):
 
     with refusal("camera busy", RobotError):
         RealSense(CAMERA, time.monotonic, [Busy()])
+
+
+def test_a_camera_that_is_covered_from_the_start_says_so(camera, device):
+    for _ in range(5):
+        device.send(np.zeros((HEIGHT, WIDTH), np.uint16))
+        time.sleep(0.02)
+    with refusal("camera measures nothing covered", RobotError):
+        camera.depth()
