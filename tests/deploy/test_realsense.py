@@ -14,7 +14,7 @@ from loco_mjx.deploy.robot import RobotError
 from loco_mjx.deploy.safety import Cause, Guard, Limits, Stop
 from tests import optional
 from tests.deploy import flat
-from tests.refusals import refusal
+from tests.refusals import refusal, says
 
 rs = optional.pyrealsense2()
 
@@ -190,8 +190,11 @@ def test_a_camera_that_another_program_has_is_one_line(device):
 
 
 def test_a_camera_that_is_covered_from_the_start_says_so(camera, device):
-    for _ in range(5):
+    said, end = "", time.monotonic() + 5.0
+    while "covered" not in said and time.monotonic() < end:  # until its thread has seen one
         device.send(np.zeros((HEIGHT, WIDTH), np.uint16))
         time.sleep(0.02)
-    with refusal("camera measures nothing covered", RobotError):
-        camera.depth()
+        with pytest.raises(RobotError) as caught:
+            camera.depth()
+        said = str(caught.value)
+    assert says(said, "camera measures nothing covered")
