@@ -25,8 +25,7 @@ is, as in the paper, from start to end, so that a robot that runs past the summi
 "progress" is how much nearer the goal has come, and "at the goal" the share of episodes in which the robot came within
 1 m of it; a dash: evaluated before there was such a figure, or without a goal. "Mean": the teacher and the policy are
 the means of their parameters over iterations (`ppo.average`), "× 8": of a teacher with so many samples for each of the
-policy's, instead of four, "falling": the teacher's learning rate falls to 0. Preset
-`fast` is × 16 with the mean; the runs without a mark are of its earlier four.
+policy's, instead of four, "falling": the teacher's learning rate falls to 0.
 """
 TIMES = """The samples and minutes of each run, teacher and policy; the machine was shared with other work, so times are
 upper bounds:

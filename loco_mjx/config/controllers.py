@@ -26,7 +26,6 @@ OWN: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "env.reward.forward": 0.5,
             "env.reward.energy": 0.0,
             "env.randomization.enabled": False,
-            "distill.teacher_ratio": 4.0,  # its samples cost half of a seeing policy's, not a tenth
             "ppo.num_envs": 128,  # × unroll 32: 4,096 samples an iteration
         }
     }

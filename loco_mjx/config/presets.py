@@ -14,7 +14,7 @@ from loco_mjx.robots import DEFAULT, get_robot
 def _fast(config: Config) -> Config:
     """Tuned for wall-clock: fewer passes, larger steps, calmer hips, values of order 1 beside the policy's gradient.
 
-    The policy is a mean over iterations. A teacher pays for collisions, and learns for long: its samples are cheap.
+    A teacher pays for collisions.
     """
     action = dataclasses.replace(config.env.action, scale=(0.2, 0.5, 0.5))
     ppo = dataclasses.replace(
@@ -25,9 +25,8 @@ def _fast(config: Config) -> Config:
         entropy=1e-3,
         reward_scale=0.1,
         learning_rate_decay=False,
-        average=0.9,
     )
-    distill = dataclasses.replace(config.distill, teacher_collision=2.0, teacher_ratio=16.0)
+    distill = dataclasses.replace(config.distill, teacher_collision=2.0)
     return dataclasses.replace(config, env=dataclasses.replace(config.env, action=action), ppo=ppo, distill=distill)
 
 

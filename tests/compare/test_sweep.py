@@ -207,12 +207,12 @@ def test_the_time_left_is_that_of_runs_of_the_same_policy(tmp_path, two_cores, m
 
 
 def test_the_time_is_also_that_of_a_teacher(tmp_path, two_cores):
-    """16 samples of the teacher for each of the policy's: most of the time, and all of the first progress."""
+    """Four samples of the teacher for each of the policy's: most of the time, and all of the first progress."""
     (cell,) = Plan(tmp_path, total_steps=STEPS).cells(["thin"], [parse_variant("state-only+method=distill")], [0])
-    assert cell.teacher_samples == 16 * STEPS
+    assert cell.teacher_samples == 4 * STEPS
     (pace,) = (known := estimate.paces([cell])).values()
     whole = estimate.seconds_left([cell], known)
-    assert whole > 16 * STEPS / pace.teacher.rate + STEPS / pace.rate + 2 * estimate.START[False]
+    assert whole > 4 * STEPS / pace.teacher.rate + STEPS / pace.rate + 2 * estimate.START[False]
     curves = cell.path / directory.TEACHER / "metrics.csv"
     curves.parent.mkdir(parents=True)
     curves.write_text(f"step,time/seconds\n8192,10.0\n{2 * STEPS},34.0\n")
