@@ -69,6 +69,7 @@ RUNS += (Run("mountain", 0, samples=1_000_000, ratio=8.0, average=0.95),)
 RUNS += tuple(
     Run(task, seed, samples=352_256, ratio=16.0, average=0.9) for task in ("mountain", "thin") for seed in (0, 1, 2)
 )
+RUNS += tuple(Run("mountain", seed, samples=147_456, ratio=30.0, average=0.9) for seed in (0, 1, 2))
 RUNS += (Run("mountain", 0, samples=352_256, ratio=16.0, average=0.9, falling=True),)
 RUNS += tuple(Run(task, 0, samples=376_832) for task in ("moving", "wide", "thin-sphere", "wide-sphere"))
 
