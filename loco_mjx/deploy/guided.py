@@ -83,12 +83,9 @@ class Guided(Walker):
 
     def _ask(self) -> None:
         """Has the policy decide on what is measured now."""
-        self._begun, frame = self._clock(), None
+        self._begun = self._clock()
         sensors = self._measure()
-        if self.manifest.camera is not None:
-            frame = self.robot.depth()
-            self.guard.frame(frame, self.robot.now())
-        obs = self._observe(sensors, frame, self._held)
+        obs = self._observe(sensors, self._look(), self._held)
         self._answer = self._thinker.post(lambda: (self._asked(obs), self._clock()))
         self._spent = self._clock() - self._begun
 

@@ -93,10 +93,8 @@ class Runner:
             )
         try:
             sensors = self.robot.read()
-            frame = self.robot.depth() if self.manifest.camera is not None else None
             self.guard.sensors(sensors, self.robot.now())
-            if frame is not None:
-                self.guard.frame(frame, self.robot.now())
+            frame = self._look()
         except (RobotError, Stop) as error:
             raise UserError(f"the robot is not ready ({error}); it was not commanded") from error
         check_readable(self.manifest, sensors.position is not None)
@@ -179,13 +177,18 @@ class Runner:
         self, sensors: Sensors, before: np.ndarray
     ) -> tuple[Frame | None, dict[str, np.ndarray], np.ndarray, float]:
         """Image, observation, targets and the time they took, s; runs in the worker's thread, which may hang."""
-        begin, frame = self._clock(), None
-        if self.manifest.camera is not None:
-            frame = self.robot.depth()
-            self.guard.frame(frame, self.robot.now())
+        begin, frame = self._clock(), self._look()
         obs = self._observe(sensors, frame, before)
         targets = self._asked(obs)
         return frame, obs, targets, self._clock() - begin
+
+    def _look(self) -> Frame | None:
+        """The newest image, checked; None if the policy reads none."""
+        if self.manifest.camera is None:
+            return None
+        frame = self.robot.depth()
+        self.guard.frame(frame, self.robot.now())
+        return frame
 
     def _asked(self, obs: dict[str, np.ndarray]) -> np.ndarray:
         """What the policy says."""

@@ -119,13 +119,11 @@ def save(
         remove(final)  # a damaged checkpoint of the same step, from which this run did not resume
         partial.rename(final)
         sync(final.parent)
-    except UserError:  # which says it
-        with contextlib.suppress(OSError):
-            remove(partial)
-        raise
     except (OSError, ValueError) as error:  # Orbax reports a full disk as a ValueError
         with contextlib.suppress(OSError):
             remove(partial)
+        if isinstance(error, UserError):  # which says it
+            raise
         raise unwritable(f"the checkpoint {final}", _system_error(error), "make room or access") from error
     for old in sorted(set(steps(directory)) - kept(directory, keep_every, config.ppo.samples_per_iteration)):
         take_away(path_of(directory, old))

@@ -24,13 +24,12 @@ def complete(config: Config) -> Config:
 
     if config.policy not in POLICIES:
         raise UnknownNameError("policy", config.policy, POLICIES)
-    if not POLICIES[config.policy].uses_depth:
-        observation = config.env.observation
+    policy, observation = POLICIES[config.policy], config.env.observation
+    if not policy.uses_depth:
         observation = dataclasses.replace(observation, depth=dataclasses.replace(observation.depth, enabled=False))
-        config = dataclasses.replace(config, env=dataclasses.replace(config.env, observation=observation))
-    if POLICIES[config.policy].uses_privileged:
-        observation = dataclasses.replace(config.env.observation, privileged=True)
-        config = dataclasses.replace(config, env=dataclasses.replace(config.env, observation=observation))
+    if policy.uses_privileged:
+        observation = dataclasses.replace(observation, privileged=True)
+    config = dataclasses.replace(config, env=dataclasses.replace(config.env, observation=observation))
     return config_lib.with_method(config)
 
 

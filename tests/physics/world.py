@@ -21,6 +21,8 @@ from tests.known_robots import A1
 BATCH = 4  # environments in every rollout, so that the tests share one compiled program
 BOXES, TREES = 9, 1  # likewise
 AWAY = (500.0, 500.0, 0.0)
+USERS = PhysicsConfig()
+CONVERGED = PhysicsConfig(iterations=20, ls_iterations=12, more_iterations=0)  # always enough
 
 PERIOD = 0.4  # s
 STRIDE, LIFT, HEIGHT = 0.06, 0.05, 0.25  # m: half a stride, how high a foot swings, hips over feet
@@ -80,15 +82,15 @@ def standing(x: float = 0.0, y: float = 0.0, height: float = A1.stand_height) ->
 
 
 @functools.cache
-def physics() -> PhysicsModel:
-    """The physics as users have it."""
-    return build(A1, PhysicsConfig())
+def physics(config: PhysicsConfig = USERS) -> PhysicsModel:
+    """The physics, as users have it unless told otherwise."""
+    return build(A1, config)
 
 
 @functools.cache
-def stepper() -> Callable[..., tuple[PhysicsState, SubstepTrace]]:
+def stepper(config: PhysicsConfig = USERS) -> Callable[..., tuple[PhysicsState, SubstepTrace]]:
     """control_step of BATCH environments, compiled."""
-    model = physics()
+    model = physics(config)
     return jax.jit(jax.vmap(lambda *args: control_step(model, *args)))
 
 
@@ -108,6 +110,7 @@ def rollout(
     worlds: Sequence[Scene],
     targets: np.ndarray,
     dynamics: Sequence[Dynamics] | None = None,
+    config: PhysicsConfig = USERS,
 ) -> tuple[PhysicsState, SubstepTrace]:
     """States after each control step and outcomes, leading axes (environments, steps), of up to BATCH environments.
 
@@ -116,6 +119,7 @@ def rollout(
         worlds: their scenes.
         targets: (steps, 12), or (environments, steps, 12).
         dynamics: of each; nominal if None.
+        config: of the physics.
     """
     state = batch([start if isinstance(start, PhysicsState) else initial_state(start) for start in starts])
     world, how = batch(worlds), batch(dynamics or [nominal()])
@@ -123,7 +127,7 @@ def rollout(
     wide = np.concatenate([spread, *[spread[-1:]] * (BATCH - spread.shape[0])])
     states, outcomes = [], []
     for t in range(wide.shape[1]):
-        state, outcome = stepper()(state, world, jp.asarray(wide[:, t], jp.float32), how)
+        state, outcome = stepper(config)(state, world, jp.asarray(wide[:, t], jp.float32), how)
         states.append(state)
         outcomes.append(outcome)
     return jax.tree.map(lambda *leaves: np.stack(leaves, axis=1), *states), jax.tree.map(
